@@ -1,0 +1,1 @@
+"""The laboratory: videos whose truth is known exactly because we drew them."""

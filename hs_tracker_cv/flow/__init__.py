@@ -1,0 +1,1 @@
+"""Horn–Schunck optical flow."""

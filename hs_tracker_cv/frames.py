@@ -1,0 +1,185 @@
+"""What a cv2 user may hand over, checked: any frame and any ROI in, a plain view or one clear error out.
+
+A :class:`Frame` is a view of the caller's pixels, never a copy and never written to; only the windows cut from
+it are float32 copies of our own. So the cost is the window's, whatever the size of the frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .geometry import Box
+
+__all__ = ["MIN_SIDE", "Frame", "InputError", "as_frame", "as_roi", "crop", "to_gray"]
+
+MIN_SIDE = 4.0
+"""Smallest side of a region of interest, px: less holds no gradient to follow."""
+
+_INTEGER_GAIN = {np.dtype(np.uint8): 1.0, np.dtype(np.uint16): 255.0 / 65535.0}
+
+
+class InputError(cv2.error, ValueError):  # type: ignore[misc]  # cv2's stub has no class layout
+    """A frame or ROI that cannot be used; caught by ``except cv2.error`` and by ``except ValueError``."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A checked view of the caller's image.
+
+    Parameters
+    ----------
+    pixels : ndarray, shape (H, W, C)
+        C is 1 (gray) or 3 (BGR); any supported dtype, any stride.
+    gain : float
+        Factor that brings the values to the range 0–255.
+    """
+
+    pixels: NDArray[Any]
+    gain: float
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return int(self.pixels.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return int(self.pixels.shape[1])
+
+    @property
+    def channels(self) -> int:
+        """1 (gray) or 3 (BGR)."""
+        return int(self.pixels.shape[2])
+
+
+def as_frame(image: Any, gain: float | None = None) -> Frame:
+    """Check an image and return a view of it.
+
+    Parameters
+    ----------
+    image : ndarray or cv2.UMat
+        Shape (H, W), (H, W, 1), (H, W, 3) BGR or (H, W, 4) BGRA (alpha is ignored); uint8, uint16 or a float
+        type. Float images are read as 0–1 when no value exceeds 1, else as 0–255.
+    gain : float, optional
+        Range factor of the first frame of a track, so that one dark float frame does not change the scale.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    InputError
+        If the image is None, empty, of another type, shape or dtype.
+    """
+    if isinstance(image, cv2.UMat):
+        image = image.get()
+    if not isinstance(image, np.ndarray):
+        raise InputError(f"expected an image (ndarray or cv2.UMat), got {type(image).__name__}")
+    if image.ndim == 2:
+        image = image[:, :, np.newaxis]
+    if image.ndim != 3 or image.shape[2] not in (1, 3, 4):
+        raise InputError(
+            f"expected a frame of shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), got {image.shape}"
+        )
+    if image.size == 0:
+        raise InputError(f"expected a non-empty frame, got shape {image.shape}")
+    if image.dtype not in _INTEGER_GAIN and image.dtype.kind != "f":
+        raise InputError(f"expected a uint8, uint16 or float frame, got dtype {image.dtype}")
+    pixels = image[:, :, :3] if image.shape[2] == 4 else image
+    return Frame(pixels, _gain(pixels) if gain is None else gain)
+
+
+def _gain(pixels: NDArray[Any]) -> float:
+    if pixels.dtype in _INTEGER_GAIN:
+        return _INTEGER_GAIN[pixels.dtype]
+    finite = pixels[np.isfinite(pixels)]
+    return 255.0 if finite.size == 0 or float(finite.max()) <= 1.0 else 1.0
+
+
+def as_roi(bounding_box: Any, frame: Frame) -> Box:
+    """Check a region of interest and clip it to the frame.
+
+    Parameters
+    ----------
+    bounding_box : sequence of 4 numbers
+        x, y, w, h in px; ints or floats; tuple, list or ndarray.
+    frame : Frame
+        The frame it was drawn on.
+
+    Returns
+    -------
+    Box
+        The part inside the frame.
+
+    Raises
+    ------
+    InputError
+        If it has not four finite numbers, or less than 4 × 4 px inside the frame.
+    """
+    try:
+        values = np.asarray(bounding_box, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(
+            f"expected a boundingBox of four numbers (x, y, w, h), got {bounding_box!r}"
+        ) from error
+    if values.shape != (4,) or isinstance(bounding_box, str | bytes):
+        raise InputError(f"expected a boundingBox of four numbers (x, y, w, h), got {bounding_box!r}")
+    if not np.isfinite(values).all():
+        raise InputError(f"expected a finite boundingBox, got {bounding_box!r}")
+    box = Box(*(float(value) for value in values))
+    if box.w < MIN_SIDE or box.h < MIN_SIDE:
+        raise InputError(
+            f"expected a boundingBox of at least {MIN_SIDE:g} × {MIN_SIDE:g} px, got {bounding_box!r}"
+        )
+    inside = box.clip(frame.width, frame.height)
+    if inside.w < MIN_SIDE or inside.h < MIN_SIDE:
+        raise InputError(
+            f"expected a boundingBox with at least {MIN_SIDE:g} × {MIN_SIDE:g} px inside the "
+            f"{frame.width} × {frame.height} frame, got {bounding_box!r}"
+        )
+    return inside
+
+
+def crop(frame: Frame, x0: int, y0: int, width: int, height: int) -> NDArray[np.float32]:
+    """Cut a window out of a frame, as float32 in 0–255.
+
+    Parameters
+    ----------
+    frame : Frame
+    x0, y0 : int
+        Top-left pixel; may lie outside the frame.
+    width, height : int
+        Size of the window, px.
+
+    Returns
+    -------
+    ndarray, shape (height, width, C), float32, C-contiguous
+        A copy. Outside the frame the border pixels are repeated; NaN and infinities become 0.
+    """
+    left, top = min(max(x0, 0), frame.width - 1), min(max(y0, 0), frame.height - 1)
+    right, bottom = min(max(x0 + width, left + 1), frame.width), min(max(y0 + height, top + 1), frame.height)
+    part = frame.pixels[top:bottom, left:right].astype(np.float32)
+    if frame.gain != 1.0:
+        part *= np.float32(frame.gain)
+    if frame.pixels.dtype.kind == "f":
+        np.nan_to_num(part, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        np.clip(part, 0.0, 255.0, out=part)
+    if part.shape[:2] == (height, width):
+        return np.ascontiguousarray(part)
+    rows = np.clip(np.arange(y0, y0 + height), top, bottom - 1) - top
+    columns = np.clip(np.arange(x0, x0 + width), left, right - 1) - left
+    return np.ascontiguousarray(part[rows[:, np.newaxis], columns[np.newaxis, :]])
+
+
+def to_gray(window: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Gray version (H, W) of a window (H, W, C): OpenCV's BGR weights, or the one channel itself."""
+    if window.shape[2] == 1:
+        return np.ascontiguousarray(window[:, :, 0])
+    return np.asarray(cv2.cvtColor(window, cv2.COLOR_BGR2GRAY), dtype=np.float32)
