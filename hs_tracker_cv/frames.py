@@ -23,7 +23,7 @@ MIN_SIDE = 4.0
 _INTEGER_GAIN = {np.dtype(np.uint8): 1.0, np.dtype(np.uint16): 255.0 / 65535.0}
 
 
-class InputError(cv2.error, ValueError):  # type: ignore[misc]  # cv2's stub has no class layout
+class InputError(cv2.error, ValueError):
     """A frame or ROI that cannot be used; caught by ``except cv2.error`` and by ``except ValueError``."""
 
 
@@ -85,9 +85,7 @@ def as_frame(image: Any, gain: float | None = None) -> Frame:
     if image.ndim == 2:
         image = image[:, :, np.newaxis]
     if image.ndim != 3 or image.shape[2] not in (1, 3, 4):
-        raise InputError(
-            f"expected a frame of shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), got {image.shape}"
-        )
+        raise InputError(f"expected a frame of shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), got {image.shape}")
     if image.size == 0:
         raise InputError(f"expected a non-empty frame, got shape {image.shape}")
     if image.dtype not in _INTEGER_GAIN and image.dtype.kind != "f":
@@ -126,18 +124,14 @@ def as_roi(bounding_box: Any, frame: Frame) -> Box:
     try:
         values = np.asarray(bounding_box, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(
-            f"expected a boundingBox of four numbers (x, y, w, h), got {bounding_box!r}"
-        ) from error
+        raise InputError(f"expected a boundingBox of four numbers (x, y, w, h), got {bounding_box!r}") from error
     if values.shape != (4,) or isinstance(bounding_box, str | bytes):
         raise InputError(f"expected a boundingBox of four numbers (x, y, w, h), got {bounding_box!r}")
     if not np.isfinite(values).all():
         raise InputError(f"expected a finite boundingBox, got {bounding_box!r}")
     box = Box(*(float(value) for value in values))
     if box.w < MIN_SIDE or box.h < MIN_SIDE:
-        raise InputError(
-            f"expected a boundingBox of at least {MIN_SIDE:g} × {MIN_SIDE:g} px, got {bounding_box!r}"
-        )
+        raise InputError(f"expected a boundingBox of at least {MIN_SIDE:g} × {MIN_SIDE:g} px, got {bounding_box!r}")
     inside = box.clip(frame.width, frame.height)
     if inside.w < MIN_SIDE or inside.h < MIN_SIDE:
         raise InputError(
