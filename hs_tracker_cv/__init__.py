@@ -1,1 +1,38 @@
-"""Object tracking by motion: a drop-in for OpenCV's trackers built on Horn–Schunck optical flow."""
+"""Object tracking by motion: a drop-in for OpenCV's trackers built on Horn–Schunck optical flow.
+
+>>> from hs_tracker_cv import TrackerHS_create
+>>> tracker = TrackerHS_create()
+
+Names are loaded on first use, so that importing the package costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .geometry import Box
+    from .params import TrackerHS_Params
+    from .tracker import TrackerHS, TrackerHS_create
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Box": "geometry",
+    "TrackerHS": "tracker",
+    "TrackerHS_Params": "params",
+    "TrackerHS_create": "tracker",
+}
+
+__all__ = ["Box", "TrackerHS", "TrackerHS_Params", "TrackerHS_create", "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

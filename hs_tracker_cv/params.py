@@ -1,0 +1,74 @@
+"""`TrackerHS_Params`: the options a user may set, in the style of cv2's ``Params`` structs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+__all__ = ["MODES", "TrackerHS_Params"]
+
+MODES = ("auto", "layers", "propagation")
+"""Values of `TrackerHS_Params.mode`."""
+
+_TYPES: dict[str, type | tuple[type, ...]] = {"str": str, "bool": bool, "int": int, "float": (int, float)}
+
+
+@dataclass(slots=True)
+class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
+    """Options of :class:`~hs_tracker_cv.TrackerHS`; mutable, like cv2's.
+
+    Parameters
+    ----------
+    mode : {"auto", "layers", "propagation"}
+        How the box is found. ``"auto"`` lets the tracker choose from frame to frame; the others fix it.
+
+    Raises
+    ------
+    TypeError
+        When a field is set to a value of another type.
+    ValueError
+        When a value is outside its range.
+    AttributeError
+        When an unknown field is set.
+
+    Examples
+    --------
+    >>> parameters = TrackerHS_Params(mode="propagation")
+    >>> TrackerHS_Params.from_dict(parameters.to_dict()) == parameters
+    True
+    """
+
+    mode: str = "auto"
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        kinds = {field.name: str(field.type) for field in fields(self)}
+        if name not in kinds:
+            raise AttributeError(f"TrackerHS_Params has no field {name!r}; its fields are {', '.join(kinds)}")
+        expected = _TYPES[kinds[name]]
+        if not isinstance(value, expected) or (isinstance(value, bool) and expected is not bool):
+            raise TypeError(f"expected {name} to be {kinds[name]}, got {value!r}")
+        _check_range(name, value)
+        object.__setattr__(self, name, value)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All fields by name."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> TrackerHS_Params:
+        """Build from a mapping of field names; missing ones keep their defaults.
+
+        Raises
+        ------
+        AttributeError
+            For an unknown name.
+        """
+        parameters = cls()
+        for name, value in values.items():
+            setattr(parameters, name, value)
+        return parameters
+
+
+def _check_range(name: str, value: Any) -> None:
+    if name == "mode" and value not in MODES:
+        raise ValueError(f"expected mode to be one of {', '.join(MODES)}, got {value!r}")
