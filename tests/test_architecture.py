@@ -1,0 +1,52 @@
+"""Dependencies point one way."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FORBIDDEN = {
+    "hs_tracker_cv": {"eval", "datasets_synthetic", "pandas", "matplotlib", "joblib"},
+    "datasets_synthetic": {"eval", "hs_tracker_cv", "pandas"},
+}
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Top-level names of absolute imports in a file, at any depth of nesting."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.module.split(".")[0]
+
+
+@pytest.mark.parametrize("package", sorted(FORBIDDEN))
+def test_packages_do_not_import_their_users(package: str) -> None:
+    """The library knows neither referee nor laboratory; the laboratory knows neither of the others."""
+    files = sorted((ROOT / package).rglob("*.py"))
+    assert files
+    wrong = {str(path.relative_to(ROOT)): FORBIDDEN[package] & set(imported(path)) for path in files}
+    assert not {path: names for path, names in wrong.items() if names}
+
+
+def test_importing_the_library_imports_no_compiler() -> None:
+    """`import hs_tracker_cv` stays cheap: no numba, scikit-image or page until they are used."""
+    code = "import hs_tracker_cv, sys; print([m for m in ('numba', 'skimage', 'nicegui', 'scipy') if m in sys.modules])"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert answer.stdout.strip() == "[]"
+
+
+def test_every_public_name_exists() -> None:
+    """The lazy table and the modules agree."""
+    import hs_tracker_cv
+
+    for name in hs_tracker_cv.__all__:
+        assert getattr(hs_tracker_cv, name) is not None
+    with pytest.raises(AttributeError, match="Tracker9"):
+        _ = hs_tracker_cv.Tracker9

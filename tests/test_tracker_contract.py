@@ -1,0 +1,327 @@
+"""The contract with cv2 users: every bad input, every idiom (see the behaviour table in README)."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from conftest import BOX_IOU, moving_square
+from numpy.typing import NDArray
+
+from hs_tracker_cv import Box, TrackerHS, TrackerHS_create, TrackerHS_Params, legacy
+from hs_tracker_cv.frames import InputError
+from hs_tracker_cv.geometry import iou
+
+NOWHERE = (0, 0, 0, 0)
+Frames = list[NDArray[np.uint8]]
+Boxes = list[tuple[int, int, int, int]]
+
+
+@pytest.fixture(scope="module")
+def video() -> tuple[Frames, Boxes]:
+    """A textured square moving over texture."""
+    return moving_square(np.random.default_rng(7))
+
+
+def run(tracker: Any, frames: Frames) -> list[tuple[bool, tuple[int, int, int, int]]]:
+    """Answers of a tracker to a list of frames."""
+    return [tracker.update(frame) for frame in frames]
+
+
+def started(video: tuple[Frames, Boxes], **parameters: Any) -> TrackerHS:
+    """A tracker initialised on the first frame."""
+    tracker = TrackerHS_create(TrackerHS_Params(**parameters))
+    tracker.init(video[0][0], video[1][0])
+    return tracker
+
+
+@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+def test_follows_a_moving_square(video: tuple[Frames, Boxes], mode: str) -> None:
+    """The box stays on a textured mover in every mode, in frame coordinates, as Python ints."""
+    tracker = started(video, mode=mode)
+    for frame, truth in zip(video[0][1:], video[1][1:], strict=True):
+        ok, box = tracker.update(frame)
+        assert ok is True
+        assert type(box) is tuple
+        assert [type(value) for value in box] == [int] * 4
+        assert iou(Box(*box), Box(*truth)) > BOX_IOU * (1 if mode != "propagation" else 0.9)
+
+
+def test_init_returns_none_like_cv2(video: tuple[Frames, Boxes]) -> None:
+    """`init` answers None, and takes cv2's keyword names."""
+    tracker = TrackerHS_create()
+    assert tracker.init(image=video[0][0], boundingBox=video[1][0]) is None
+    assert tracker.update(image=video[0][1])[0] is True
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array, lambda b: np.array(b, float), lambda b: tuple(map(float, b))])
+def test_rois_of_every_kind_start_the_same_track(
+    video: tuple[Frames, Boxes], kind: Callable[[tuple[int, ...]], Any]
+) -> None:
+    """Lists, arrays and floats are boxes too."""
+    tracker = TrackerHS_create()
+    tracker.init(video[0][0], kind(video[1][0]))
+    assert run(tracker, video[0][1:4]) == run(started(video), video[0][1:4])
+
+
+@pytest.mark.parametrize(
+    "roi",
+    [
+        (0, 0, 0, 0),
+        (10, 10, -5, 20),
+        (10, 10, 2, 20),
+        (500, 500, 20, 20),
+        (1, 2, 3),
+        (1, 2, 3, 4, 5),
+        None,
+        "box",
+        (np.nan, 1, 20, 20),
+    ],
+)
+def test_bad_rois_raise_and_leave_the_tracker_uninitialised(video: tuple[Frames, Boxes], roi: Any) -> None:
+    """A failed init is an exception, then `update` says so instead of crashing, then init works."""
+    tracker = started(video)
+    with pytest.raises(InputError, match="boundingBox"):
+        tracker.init(video[0][0], roi)
+    with pytest.raises(InputError, match="init"):
+        tracker.update(video[0][1])
+    tracker.init(video[0][0], video[1][0])
+    assert tracker.update(video[0][1])[0] is True
+
+
+def test_update_before_init_is_a_clear_error(video: tuple[Frames, Boxes]) -> None:
+    """No segfault: one exception that is a cv2.error and a ValueError."""
+    for kind in (cv2.error, ValueError):
+        with pytest.raises(kind, match="init"):
+            TrackerHS_create().update(video[0][0])
+
+
+def test_roi_partly_outside_is_clipped(video: tuple[Frames, Boxes]) -> None:
+    """A box over the edge starts a track on its inside."""
+    tracker = TrackerHS_create()
+    tracker.init(video[0][0], (-10, -10, 40, 40))
+    assert tracker.update(video[0][0]) == (True, (0, 0, 30, 30))
+
+
+def test_same_frame_as_init_gives_the_roi(video: tuple[Frames, Boxes]) -> None:
+    """No motion is not lost."""
+    tracker = started(video)
+    assert tracker.update(video[0][0]) == (True, video[1][0])
+    assert tracker.state == "tracking"
+
+
+@pytest.mark.parametrize("bad", [None, np.zeros((0, 0, 3), np.uint8), np.zeros((0, 160), np.uint8)])
+def test_no_frame_answers_false_and_the_next_good_one_goes_on(video: tuple[Frames, Boxes], bad: Any) -> None:
+    """A dropped frame costs one False and changes nothing."""
+    tracker, undisturbed = started(video), started(video)
+    answers = []
+    for frame in video[0][1:6]:
+        assert tracker.update(bad) == (False, NOWHERE)
+        answers.append(tracker.update(frame))
+    assert answers == run(undisturbed, video[0][1:6])
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        (np.zeros((60, 80, 3), np.uint8), "160 × 120"),
+        (np.zeros((120, 160), np.uint8), "3 channel"),
+        (np.zeros((120, 160, 3), np.int32), "int32"),
+        (np.zeros((120, 160, 2), np.uint8), "2"),
+        ("frame", "str"),
+    ],
+)
+def test_garbage_mid_track_raises_and_the_track_goes_on(
+    video: tuple[Frames, Boxes], bad: Any, message: str
+) -> None:
+    """A frame that cannot belong to the video is named; the next good one is answered as if it had not come."""
+    tracker, undisturbed = started(video), started(video)
+    run(tracker, video[0][1:3]), run(undisturbed, video[0][1:3])
+    with pytest.raises(InputError, match=message):
+        tracker.update(bad)
+    assert run(tracker, video[0][3:7]) == run(undisturbed, video[0][3:7])
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [
+        pytest.param(lambda f: f[:, :, ::1].copy(order="F"), id="fortran"),
+        pytest.param(lambda f: np.repeat(f, 2, axis=1)[:, ::2], id="strided"),
+        pytest.param(lambda f: np.dstack([f, np.full(f.shape[:2], 9, np.uint8)]), id="bgra"),
+        pytest.param(lambda f: cv2.UMat(f), id="umat"),
+    ],
+)
+def test_layouts_give_identical_boxes(video: tuple[Frames, Boxes], convert: Callable[[Any], Any]) -> None:
+    """The same pixels in another layout give the same track."""
+    tracker = TrackerHS_create()
+    tracker.init(convert(video[0][0]), video[1][0])
+    assert run(tracker, [convert(frame) for frame in video[0][1:5]]) == run(started(video), video[0][1:5])
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [
+        pytest.param(lambda f: cv2.cvtColor(f, cv2.COLOR_BGR2GRAY), id="gray"),
+        pytest.param(lambda f: cv2.cvtColor(f, cv2.COLOR_BGR2GRAY)[:, :, None], id="gray-1-channel"),
+        pytest.param(lambda f: f.astype(np.uint16) * 257, id="uint16"),
+        pytest.param(lambda f: f.astype(np.float32) / 255, id="float-0-1"),
+        pytest.param(lambda f: f.astype(np.float64), id="float-0-255"),
+    ],
+)
+def test_every_dtype_is_tracked(video: tuple[Frames, Boxes], convert: Callable[[Any], Any]) -> None:
+    """Gray, 16-bit and float video work."""
+    tracker = TrackerHS_create()
+    tracker.init(convert(video[0][0]), video[1][0])
+    for frame, truth in zip(video[0][1:], video[1][1:], strict=True):
+        ok, box = tracker.update(convert(frame))
+    assert ok
+    assert iou(Box(*box), Box(*truth)) > BOX_IOU
+
+
+def test_frames_are_neither_changed_nor_kept(video: tuple[Frames, Boxes]) -> None:
+    """Read-only frames serve, and a caller who reuses one buffer gets the same boxes."""
+    tracker = TrackerHS_create()
+    buffer = video[0][0].copy()
+    tracker.init(buffer, video[1][0])
+    answers = []
+    for frame in video[0][1:6]:
+        buffer[:] = frame
+        buffer.flags.writeable = False
+        answers.append(tracker.update(buffer))
+        buffer.flags.writeable = True
+        buffer[:] = 255
+    assert answers == run(started(video), video[0][1:6])
+
+
+def test_init_again_forgets_everything(video: tuple[Frames, Boxes]) -> None:
+    """A second init on the same object equals a new object."""
+    tracker = started(video)
+    run(tracker, video[0][1:6])
+    tracker.init(video[0][0], video[1][0])
+    assert run(tracker, video[0][1:]) == run(started(video), video[0][1:])
+
+
+def test_init_again_on_another_size(video: tuple[Frames, Boxes]) -> None:
+    """A new video of another size needs only a new init."""
+    tracker = started(video)
+    small = [cv2.resize(frame, (80, 60)) for frame in video[0]]
+    tracker.init(small[0], tuple(value // 2 for value in video[1][0]))
+    assert tracker.update(small[1])[0] is True
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda t: pickle.loads(pickle.dumps(t))])
+def test_copies_mid_track_go_on_alone(video: tuple[Frames, Boxes], duplicate: Callable[[TrackerHS], TrackerHS]) -> None:
+    """Pickle and deepcopy carry the whole track and share nothing."""
+    tracker = started(video)
+    run(tracker, video[0][1:5])
+    twin = duplicate(tracker)
+    expected = run(tracker, video[0][5:])
+    assert run(twin, video[0][5:]) == expected
+
+
+def test_two_runs_are_equal(video: tuple[Frames, Boxes]) -> None:
+    """Nothing is random."""
+    assert run(started(video), video[0][1:]) == run(started(video), video[0][1:])
+
+
+def test_a_still_object_is_held(video: tuple[Frames, Boxes]) -> None:
+    """When the object stops, the box stays on it; fresh noise each frame."""
+    tracker = started(video)
+    run(tracker, video[0][1:])
+    rng = np.random.default_rng(5)
+    for _ in range(15):
+        noisy = np.clip(video[0][-1] + rng.normal(0, 1.5, video[0][-1].shape), 0, 255).astype(np.uint8)
+        ok, box = tracker.update(noisy)
+        assert ok
+        assert iou(Box(*box), Box(*video[1][-1])) > 0.85
+
+
+def test_score_state_box_and_debug(video: tuple[Frames, Boxes]) -> None:
+    """What the tracker knows beyond cv2's interface agrees with its answer."""
+    tracker = started(video)
+    ok, box = tracker.update(video[0][1])
+    assert ok
+    assert 0.0 <= tracker.getTrackingScore() <= 1.0
+    assert tracker.state == "tracking"
+    assert tracker.box is not None
+    assert tracker.box.rounded() == box
+    debug = tracker.debug()
+    height, width = debug.current.shape
+    assert debug.flow.shape == (height, width, 2)
+    for plane in (debug.Fx, debug.Fy, debug.Ft, debug.previous):
+        assert plane.shape == (height, width)
+    assert debug.normal_flow.shape == (height, width, 2)
+    assert debug.mask is None or debug.mask.shape == (height, width)
+
+
+def test_debug_before_update_is_a_clear_error(video: tuple[Frames, Boxes]) -> None:
+    """There is nothing to show before the first update."""
+    with pytest.raises(InputError, match="update"):
+        started(video).debug()
+
+
+def test_params_are_cv2_like() -> None:
+    """`TrackerHS.Params` is `TrackerHS_Params`; a tracker copies what it gets."""
+    assert TrackerHS.Params is TrackerHS_Params
+    assert isinstance(TrackerHS.create(TrackerHS_Params()), TrackerHS)
+    assert isinstance(TrackerHS_create(parameters=None), TrackerHS)
+
+
+def test_never_a_cv2_tracker() -> None:
+    """Inheritance from cv2.Tracker corrupts memory; the tracker is duck-typed."""
+    assert not issubclass(TrackerHS, cv2.Tracker)
+
+
+class TestIdioms:
+    """What users' code does with a tracker."""
+
+    def test_drawing_and_slicing_with_the_box(self, video: tuple[Frames, Boxes]) -> None:
+        """cv2.rectangle and slices take the box as it is."""
+        tracker = started(video)
+        _, box = tracker.update(video[0][1])
+        cv2.rectangle(video[0][1].copy(), box, (0, 255, 0), 2)
+        x, y, w, h = [int(value) for value in box]
+        assert video[0][1][y : y + h, x : x + w].size > 0
+
+    def test_factory_table(self, video: tuple[Frames, Boxes]) -> None:
+        """`OPENCV_OBJECT_TRACKERS[name]()` with `ok = tracker.init(...)` ignored."""
+        table: dict[str, Callable[[], Any]] = {"hs": TrackerHS_create, "hs-legacy": legacy.TrackerHS_create}
+        for factory in table.values():
+            tracker = factory()
+            _ = tracker.init(video[0][0], video[1][0])
+            assert tracker.update(video[0][1])[0]
+
+    def test_ask_again_after_a_cancelled_selection(self, video: tuple[Frames, Boxes]) -> None:
+        """A cancelled cv2.selectROI gives zeros; `except Exception` must see it."""
+        tracker = TrackerHS_create()
+        for roi in [(0, 0, 0, 0), video[1][0]]:
+            try:
+                tracker.init(video[0][0], roi)
+            except Exception:
+                continue
+        assert tracker.update(video[0][1])[0]
+
+
+class TestLegacy:
+    """The cv2.legacy flavour."""
+
+    def test_init_answers_with_a_bool_and_boxes_are_floats(self, video: tuple[Frames, Boxes]) -> None:
+        """True, then floats equal to the sub-pixel box."""
+        tracker = legacy.TrackerHS_create()
+        assert tracker.init(video[0][0], video[1][0]) is True
+        ok, box = tracker.update(video[0][1])
+        assert ok
+        assert [type(value) for value in box] == [float] * 4
+        assert tuple(tracker.tracker.box or ()) == box
+
+    @pytest.mark.parametrize("roi", [(0, 0, 0, 0), (1, 2, 3), (900, 900, 20, 20), None])
+    def test_bad_init_is_false_and_update_then_false(self, video: tuple[Frames, Boxes], roi: Any) -> None:
+        """No exception, no crash."""
+        tracker = legacy.TrackerHS_create()
+        assert tracker.init(video[0][0], roi) is False
+        assert tracker.update(video[0][1]) == (False, (0.0, 0.0, 0.0, 0.0))
