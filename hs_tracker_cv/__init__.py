@@ -12,7 +12,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .detection import MotionDetector
+    from .flow import HornSchunck
+    from .frames import InputError
     from .geometry import Box
+    from .multi import MultiTrackerHS, MultiTrackerHS_create
     from .params import TrackerHS_Params
     from .tracker import TrackerHS, TrackerHS_create
 
@@ -20,12 +24,28 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Box": "geometry",
+    "HornSchunck": "flow",
+    "InputError": "frames",
+    "MotionDetector": "detection",
+    "MultiTrackerHS": "multi",
+    "MultiTrackerHS_create": "multi",
     "TrackerHS": "tracker",
     "TrackerHS_Params": "params",
     "TrackerHS_create": "tracker",
 }
 
-__all__ = ["Box", "TrackerHS", "TrackerHS_Params", "TrackerHS_create", "__version__"]
+__all__ = [
+    "Box",
+    "HornSchunck",
+    "InputError",
+    "MotionDetector",
+    "MultiTrackerHS",
+    "MultiTrackerHS_create",
+    "TrackerHS",
+    "TrackerHS_Params",
+    "TrackerHS_create",
+    "__version__",
+]
 
 
 def __getattr__(name: str) -> Any:

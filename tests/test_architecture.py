@@ -37,7 +37,8 @@ def test_packages_do_not_import_their_users(package: str) -> None:
 
 def test_importing_the_library_imports_no_compiler() -> None:
     """`import hs_tracker_cv` stays cheap: no numba, scikit-image or page until they are used."""
-    code = "import hs_tracker_cv, sys; print([m for m in ('numba', 'skimage', 'nicegui', 'scipy') if m in sys.modules])"
+    heavy = "'numba', 'skimage', 'nicegui', 'scipy'"
+    code = f"import hs_tracker_cv, sys; print([m for m in ({heavy}) if m in sys.modules])"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert answer.stdout.strip() == "[]"
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import moving_square
 
 from hs_tracker_cv import MultiTrackerHS_create, TrackerHS_create
 from hs_tracker_cv.frames import InputError
+from tests.conftest import moving_square
 
 
 def test_objects_come_and_go() -> None:

@@ -10,12 +10,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import BOX_IOU, moving_square
 from numpy.typing import NDArray
 
 from hs_tracker_cv import Box, TrackerHS, TrackerHS_create, TrackerHS_Params, legacy
 from hs_tracker_cv.frames import InputError
 from hs_tracker_cv.geometry import iou
+from tests.conftest import BOX_IOU, moving_square
 
 NOWHERE = (0, 0, 0, 0)
 Frames = list[NDArray[np.uint8]]
@@ -59,7 +59,9 @@ def test_init_returns_none_like_cv2(video: tuple[Frames, Boxes]) -> None:
     assert tracker.update(image=video[0][1])[0] is True
 
 
-@pytest.mark.parametrize("kind", [list, tuple, np.array, lambda b: np.array(b, float), lambda b: tuple(map(float, b))])
+@pytest.mark.parametrize(
+    "kind", [list, tuple, np.array, lambda b: np.array(b, float), lambda b: tuple(map(float, b))]
+)
 def test_rois_of_every_kind_start_the_same_track(
     video: tuple[Frames, Boxes], kind: Callable[[tuple[int, ...]], Any]
 ) -> None:
@@ -136,9 +138,7 @@ def test_no_frame_answers_false_and_the_next_good_one_goes_on(video: tuple[Frame
         ("frame", "str"),
     ],
 )
-def test_garbage_mid_track_raises_and_the_track_goes_on(
-    video: tuple[Frames, Boxes], bad: Any, message: str
-) -> None:
+def test_garbage_mid_track_raises_and_the_track_goes_on(video: tuple[Frames, Boxes], bad: Any, message: str) -> None:
     """A frame that cannot belong to the video is named; the next good one is answered as if it had not come."""
     tracker, undisturbed = started(video), started(video)
     run(tracker, video[0][1:3]), run(undisturbed, video[0][1:3])
@@ -179,8 +179,8 @@ def test_every_dtype_is_tracked(video: tuple[Frames, Boxes], convert: Callable[[
     tracker.init(convert(video[0][0]), video[1][0])
     for frame, truth in zip(video[0][1:], video[1][1:], strict=True):
         ok, box = tracker.update(convert(frame))
-    assert ok
-    assert iou(Box(*box), Box(*truth)) > BOX_IOU
+        assert ok
+        assert iou(Box(*box), Box(*truth)) > BOX_IOU
 
 
 def test_frames_are_neither_changed_nor_kept(video: tuple[Frames, Boxes]) -> None:
@@ -215,7 +215,9 @@ def test_init_again_on_another_size(video: tuple[Frames, Boxes]) -> None:
 
 
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda t: pickle.loads(pickle.dumps(t))])
-def test_copies_mid_track_go_on_alone(video: tuple[Frames, Boxes], duplicate: Callable[[TrackerHS], TrackerHS]) -> None:
+def test_copies_mid_track_go_on_alone(
+    video: tuple[Frames, Boxes], duplicate: Callable[[TrackerHS], TrackerHS]
+) -> None:
     """Pickle and deepcopy carry the whole track and share nothing."""
     tracker = started(video)
     run(tracker, video[0][1:5])
