@@ -1,0 +1,451 @@
+"""The paper's window as one image: frame, Fx, Fy, Ft, flow, normal flow, mask and box side by side.
+
+Every function takes arrays and returns a new BGR image, uint8; nothing is shown and nothing is written.
+
+References
+----------
+.. [1] S. Baker et al., "A Database and Evaluation Methodology for Optical Flow", IJCV 92 (2011) 1–31,
+       DOI 10.1007/s11263-010-0390-2: the colour wheel of the flow.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .frames import as_frame, crop
+from .geometry import Box
+
+__all__ = ["FlowFields", "draw_box", "flow_colours", "nice_scale", "render_panels", "signed_colours"]
+
+Picture = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+CANVAS: Colour = (30, 26, 24)
+TITLE: Colour = (235, 232, 228)
+NOTE: Colour = (165, 158, 150)
+WINDOW: Colour = (210, 190, 90)
+ARROW: Colour = (90, 225, 250)
+STATE_COLOURS: dict[str, Colour] = {
+    "tracking": (110, 225, 90),
+    "occluded": (40, 180, 255),
+    "lost": (70, 70, 245),
+    "searching": (210, 190, 90),
+}
+"""Colour (BGR) of each state; an unknown one is drawn as lost."""
+
+GAP = 10
+TITLE_HEIGHT = 26
+FOOTER_HEIGHT = 30
+COLUMNS = 4
+FLOW_PERCENTILE = 99.0
+STEEP = 3.0
+"""Gradient, gray levels per px, from which the normal flow is shown."""
+
+
+class FlowFields(Protocol):
+    """What there is to show of one step: the result of ``TrackerHS.debug()`` and of ``MotionDetector.fields``."""
+
+    @property
+    def window(self) -> Box:
+        """Where the arrays lie, frame px."""
+
+    @property
+    def step(self) -> float:
+        """Frame px per array pixel."""
+
+    @property
+    def curr(self) -> NDArray[np.float32]:
+        """Gray window of the current frame, (h, w), 0–255."""
+
+    @property
+    def Fx(self) -> NDArray[np.float32]:
+        """Derivative along x, (h, w), gray levels per px."""
+
+    @property
+    def Fy(self) -> NDArray[np.float32]:
+        """Derivative along y, (h, w), gray levels per px."""
+
+    @property
+    def Ft(self) -> NDArray[np.float32]:
+        """Derivative along time, (h, w), gray levels per frame."""
+
+    @property
+    def flow(self) -> NDArray[np.float32]:
+        """Flow (u, v), (h, w, 2), array px per frame."""
+
+    @property
+    def normal_flow(self) -> NDArray[np.float32]:
+        """Flow along the gradient, (h, w, 2), array px per frame."""
+
+    @property
+    def mask(self) -> NDArray[np.bool_] | None:
+        """Pixels that belong to the object, (h, w); None where the step has found none."""
+
+
+def draw_box(
+    image: Any, box: Box | None, *, state: str = "tracking", score: float | None = None, note: str = ""
+) -> Picture:
+    """Copy of a frame with the box and the tracker's state drawn on it.
+
+    Parameters
+    ----------
+    image : ndarray
+        Any frame that ``TrackerHS`` takes.
+    box : Box or None
+        In px; None draws no box.
+    state : str
+        One of STATE_COLOURS. Anything but ``"tracking"`` is written out, and ``"lost"`` frames the picture in red.
+    score : float, optional
+        Written beside the box.
+    note : str
+        Written in the top left corner.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), uint8
+    """
+    picture = _as_bgr(image)
+    height, width = picture.shape[:2]
+    colour = STATE_COLOURS.get(state, STATE_COLOURS["lost"])
+    line = max(1, round(min(height, width) / 280))
+    if state == "lost":
+        cv2.rectangle(picture, (0, 0), (width - 1, height - 1), colour, 4 * line)
+    if box is not None:
+        _draw_rectangle(picture, box, colour, line, 1.0)
+        if score is not None:
+            _plate(picture, f"{score:.2f}", (box.x, box.y - 3 * line), colour, anchor="above")
+    words = "   ".join(part for part in (note, "" if state == "tracking" else state.upper()) if part)
+    if words:
+        _plate(picture, words, (6 * line, 6 * line), colour, anchor="below")
+    return picture
+
+
+def _as_bgr(image: Any) -> Picture:
+    frame = as_frame(image)
+    window = crop(frame, 0, 0, frame.width, frame.height)
+    picture = np.clip(np.rint(window), 0, 255).astype(np.uint8)
+    return picture.copy() if frame.channels == 3 else _gray_to_bgr(picture[:, :, 0])
+
+
+def _gray_to_bgr(gray: NDArray[Any]) -> Picture:
+    levels = np.clip(np.rint(gray), 0, 255).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+
+
+def _draw_rectangle(picture: Picture, box: Box, colour: Colour, line: int, scale: float) -> None:
+    """Draw a box at sub-pixel edges; a pixel's area is [j, j + 1), so its centre is where cv2 counts from."""
+    shift = 4
+    edges = np.array([box.x, box.y, box.right, box.bottom]) * scale - 0.5
+    left, top, right, bottom = (int(value) for value in np.rint(np.clip(edges, -1e4, 1e5) * (1 << shift)))
+    cv2.rectangle(picture, (left, top), (right, bottom), colour, line, cv2.LINE_AA, shift)
+
+
+def _plate(picture: Picture, words: str, at: tuple[float, float], colour: Colour, *, anchor: str) -> None:
+    """Write on a dark plate above or below a point, kept inside the picture."""
+    height, width = picture.shape[:2]
+    size = min(max(min(height, width) / 700, 0.38), 1.2)
+    (text_width, text_height), base = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, size, 1)
+    pad = max(3, base // 2 + 1)
+    plate_width, plate_height = text_width + 2 * pad, text_height + base + pad
+    x = round(min(max(at[0], 0), max(width - plate_width, 0)))
+    y = at[1] - plate_height if anchor == "above" else at[1]
+    y = round(min(max(y, 0), max(height - plate_height, 0)))
+    area = picture[y : y + plate_height, x : x + plate_width]
+    area[:] = area // 4
+    cv2.putText(
+        picture, words, (x + pad, y + pad + text_height), cv2.FONT_HERSHEY_DUPLEX, size, colour, 1, cv2.LINE_AA
+    )
+
+
+def nice_scale(values: NDArray[Any], *, floor: float) -> float:
+    """Full scale for a panel: the 99th percentile of |values|, rounded up to 1, 2 or 5 times a power of ten.
+
+    Rounding keeps the scale still from frame to frame, so that panels of a video can be compared.
+
+    Examples
+    --------
+    >>> nice_scale(np.array([-3.1, 0.0]), floor=1.0)
+    5.0
+    """
+    finite = np.abs(values[np.isfinite(values)])
+    peak = max(float(np.percentile(finite, FLOW_PERCENTILE)) if finite.size else 0.0, floor)
+    decade = 10.0 ** math.floor(math.log10(peak))
+    return next(factor * decade for factor in (1.0, 2.0, 5.0, 10.0) if peak <= factor * decade * (1 + 1e-9))
+
+
+@lru_cache(maxsize=1)
+def _signed_table() -> Picture:
+    """255 colours (BGR): blue for negative, mid gray for zero (the middle entry), orange for positive."""
+    stops = np.array([(255, 214, 120), (214, 120, 40), (112, 112, 112), (30, 110, 222), (120, 214, 255)], dtype=float)
+    at = np.linspace(0.0, 1.0, len(stops))
+    table = np.stack([np.interp(np.linspace(0.0, 1.0, 255), at, stops[:, band]) for band in range(3)], axis=1)
+    return np.asarray(np.rint(table), dtype=np.uint8)
+
+
+def signed_colours(values: NDArray[Any], scale: float) -> Picture:
+    """Colour a signed field: blue negative, mid gray zero, orange positive; ±`scale` is the end of the map.
+
+    Parameters
+    ----------
+    values : ndarray, shape (h, w)
+    scale : float
+        Positive; in the units of `values`.
+
+    Returns
+    -------
+    ndarray, shape (h, w, 3), uint8
+    """
+    unit = np.nan_to_num(np.asarray(values, dtype=np.float64) / scale, nan=0.0, posinf=1.0, neginf=-1.0)
+    index = np.rint(np.clip(unit, -1.0, 1.0) * 127.0 + 127.0).astype(np.intp)
+    return np.asarray(_signed_table()[index], dtype=np.uint8)
+
+
+@lru_cache(maxsize=1)
+def _wheel() -> NDArray[np.float64]:
+    """55 hues (BGR, 0–1) of the Middlebury wheel: segment lengths follow how finely the eye tells hues apart."""
+    # (hues, which of R, G, B changes, whether it rises): red, yellow, green, cyan, blue, magenta, red.
+    segments = ((15, 1, 1), (6, 0, -1), (4, 2, 1), (11, 1, -1), (13, 0, 1), (6, 2, -1))
+    level = np.array([1.0, 0.0, 0.0])
+    rows = []
+    for length, moving, direction in segments:
+        for index in range(length):
+            row = level.copy()
+            row[moving] = index / length if direction > 0 else 1.0 - index / length
+            rows.append(row)
+        level[moving] = 1.0 if direction > 0 else 0.0
+    return np.array(rows)[:, ::-1]
+
+
+def flow_colours(flow: NDArray[Any], scale: float) -> Picture:
+    """Colour a flow field as Middlebury does [1]_: hue is direction, saturation is speed, no motion is white.
+
+    Parameters
+    ----------
+    flow : ndarray, shape (h, w, 2)
+        u right and v down, px/frame.
+    scale : float
+        Speed of full saturation, px/frame; above it colours darken.
+
+    Returns
+    -------
+    ndarray, shape (h, w, 3), uint8
+    """
+    field = np.nan_to_num(np.asarray(flow, dtype=np.float64)) / scale
+    speed = np.hypot(field[..., 0], field[..., 1])
+    wheel = _wheel()
+    place = (np.arctan2(-field[..., 1], -field[..., 0]) / np.pi + 1.0) / 2.0 * (len(wheel) - 1)
+    lower = np.floor(place).astype(np.intp)
+    share = (place - lower)[..., None]
+    hue = (1.0 - share) * wheel[lower % len(wheel)] + share * wheel[(lower + 1) % len(wheel)]
+    inside = 1.0 - speed[..., None] * (1.0 - hue)
+    colour = np.where(speed[..., None] <= 1.0, inside, 0.75 * hue)
+    return np.asarray(np.rint(np.clip(colour, 0.0, 1.0) * 255.0), dtype=np.uint8)
+
+
+def render_panels(
+    image: Any,
+    fields: FlowFields | None,
+    box: Box | None,
+    *,
+    state: str = "tracking",
+    score: float | None = None,
+    note: str = "",
+    tile_width: int = 320,
+) -> Picture:
+    """The eight panels of one step, in a grid.
+
+    Parameters
+    ----------
+    image : ndarray
+        The frame.
+    fields : FlowFields or None
+        What the step has computed; without it the panels stay empty.
+    box : Box or None
+        The box found, frame px.
+    state, score, note : str, float, str
+        Written below the panels.
+    tile_width : int
+        Width of one panel, px.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), uint8
+        Its size depends on the frame's size and `tile_width` only, so that panels make a video.
+    """
+    picture = _as_bgr(image)
+    height, width = picture.shape[:2]
+    size = (tile_width, round(tile_width * min(max(height / width, 0.5), 1.0)))
+    tiles = [_frame_tile(picture, fields, box, state, size)]
+    tiles += _field_tiles(fields, box, state, size) if fields is not None else _empty_tiles(size)
+    rows = [_beside(tiles[start : start + COLUMNS]) for start in range(0, len(tiles), COLUMNS)]
+    footer = _footer(rows[0].shape[1], box, state, score, note)
+    return np.vstack([*rows, footer])
+
+
+def _beside(tiles: list[Picture]) -> Picture:
+    """Tiles in a row, with a gap above and round them."""
+    height = tiles[0].shape[0]
+    gap = np.full((height, GAP, 3), CANVAS, np.uint8)
+    parts = [gap]
+    for tile in tiles:
+        parts += [tile, gap]
+    row = np.hstack(parts)
+    return np.vstack([np.full((GAP, row.shape[1], 3), CANVAS, np.uint8), row])
+
+
+def _footer(width: int, box: Box | None, state: str, score: float | None, note: str) -> Picture:
+    strip = np.full((FOOTER_HEIGHT + GAP // 2, width, 3), CANVAS, np.uint8)
+    colour = STATE_COLOURS.get(state, STATE_COLOURS["lost"])
+    cv2.circle(strip, (GAP + 6, FOOTER_HEIGHT // 2 + 2), 6, colour, -1, cv2.LINE_AA)
+    x = GAP + 22
+    where = f"box {box.x:.1f}, {box.y:.1f}   {box.w:.1f} x {box.h:.1f} px" if box is not None else ""
+    for words, ink in (
+        (state, colour),
+        (f"score {score:.2f}" if score is not None else "", TITLE),
+        (where, TITLE),
+        (note, NOTE),
+    ):
+        x += _write(strip, words, (x, FOOTER_HEIGHT // 2 + 7), ink, 0.5) + (24 if words else 0)
+    return strip
+
+
+def _write(picture: Picture, words: str, at: tuple[int, int], colour: Colour, size: float) -> int:
+    """Write and return the width used."""
+    cv2.putText(picture, words, at, cv2.FONT_HERSHEY_DUPLEX, size, colour, 1, cv2.LINE_AA)
+    return int(cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, size, 1)[0][0]) if words else 0
+
+
+def _tile(content: Picture, size: tuple[int, int], title: str, note: str = "", *, bar: bool = False) -> Picture:
+    """A titled panel: the content scaled to fit, centred, on black."""
+    width, height = size
+    tile = np.full((TITLE_HEIGHT + height, width, 3), CANVAS, np.uint8)
+    tile[TITLE_HEIGHT:] = (18, 16, 15)
+    fitted = _fit(content, size)
+    y, x = TITLE_HEIGHT + (height - fitted.shape[0]) // 2, (width - fitted.shape[1]) // 2
+    tile[y : y + fitted.shape[0], x : x + fitted.shape[1]] = fitted
+    _write(tile, title, (2, TITLE_HEIGHT - 9), TITLE, 0.5)
+    room = cv2.getTextSize(note, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)[0][0] if note else 0
+    cv2.putText(tile, note, (width - room - 2, TITLE_HEIGHT - 9), cv2.FONT_HERSHEY_SIMPLEX, 0.4, NOTE, 1, cv2.LINE_AA)
+    if bar:
+        length = min(72, width // 4)
+        ramp = signed_colours(np.tile(np.linspace(-1, 1, length), (8, 1)), 1.0)
+        tile[TITLE_HEIGHT - 17 : TITLE_HEIGHT - 9, width - room - length - 10 : width - room - 10] = ramp
+    return tile
+
+
+def _fit_scale(shape: tuple[int, ...], size: tuple[int, int]) -> float:
+    return min(size[0] / shape[1], size[1] / shape[0])
+
+
+def _fit(content: Picture, size: tuple[int, int]) -> Picture:
+    scale = _fit_scale(content.shape, size)
+    width = min(max(round(content.shape[1] * scale), 1), size[0])
+    height = min(max(round(content.shape[0] * scale), 1), size[1])
+    # Enlarged pixels stay square: what was computed is shown, not what could be drawn between.
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(content, (width, height), interpolation=method), dtype=np.uint8)
+
+
+def _frame_tile(
+    picture: Picture, fields: FlowFields | None, box: Box | None, state: str, size: tuple[int, int]
+) -> Picture:
+    scale = _fit_scale(picture.shape, size)
+    small = _fit(picture, size)
+    if fields is not None:
+        _draw_rectangle(small, fields.window, WINDOW, 1, scale)
+    if box is not None:
+        _draw_rectangle(small, box, STATE_COLOURS.get(state, STATE_COLOURS["lost"]), 2, scale)
+    return _tile(small, size, "Frame", f"{picture.shape[1]} x {picture.shape[0]} px")
+
+
+def _empty_tiles(size: tuple[int, int]) -> list[Picture]:
+    blank = np.full((size[1], size[0], 3), (40, 36, 34), np.uint8)
+    return [_tile(blank, size, title) for title in ("Fx", "Fy", "Ft", "Flow", "Flow, colour", "Normal flow", "Mask")]
+
+
+def _field_tiles(fields: FlowFields, box: Box | None, state: str, size: tuple[int, int]) -> list[Picture]:
+    # One scale for the three derivatives: only then can the eye weigh them against each other.
+    levels = max(nice_scale(field, floor=5.0) for field in (fields.Fx, fields.Fy, fields.Ft))
+    speed = nice_scale(np.hypot(fields.flow[..., 0], fields.flow[..., 1]), floor=0.5)
+    frame_speed = speed * fields.step
+    tiles = [
+        _tile(signed_colours(field, levels), size, title, f"+/-{levels:g}", bar=True)
+        for title, field in (("Fx", fields.Fx), ("Fy", fields.Fy), ("Ft", fields.Ft))
+    ]
+    tiles.append(_tile(_arrows(fields, speed, size), size, "Flow", f"longest {frame_speed:.3g} px/frame"))
+    coloured = _fit(flow_colours(fields.flow, speed), size)
+    _legend(coloured)
+    tiles.append(_tile(coloured, size, "Flow, colour", f"rim {frame_speed:.3g} px/frame"))
+    tiles.append(_normal_tile(fields, speed, size))
+    tiles.append(_tile(_mask_picture(fields, box, state, size), size, "Mask and box"))
+    return tiles
+
+
+def _normal_tile(fields: FlowFields, speed: float, size: tuple[int, int]) -> Picture:
+    # Where there is no gradient the normal flow is noise divided by nothing: shown as no motion.
+    steep = np.hypot(fields.Fx, fields.Fy) >= STEEP
+    shown = np.where(steep[..., None], fields.normal_flow, 0.0)
+    return _tile(flow_colours(shown, speed), size, "Normal flow", f"where |grad F| >= {STEEP:g}")
+
+
+def _arrows(fields: FlowFields, speed: float, size: tuple[int, int]) -> Picture:
+    """The flow as arrows on the darkened window, about 18 px apart, the longest 1.5 spacings long."""
+    picture = _fit(_gray_to_bgr(fields.curr * 0.55), size)
+    scale = _fit_scale(fields.curr.shape, size)
+    height, width = fields.curr.shape
+    spacing, unit = 18.0 / scale, 1.5 * 18.0 / speed
+    for y in np.arange(spacing / 2, height, spacing):
+        for x in np.arange(spacing / 2, width, spacing):
+            u, v = (float(value) for value in np.nan_to_num(fields.flow[int(y), int(x)]))
+            length = math.hypot(u, v)
+            trim = min(1.0, speed / length) if length > 0 else 0.0
+            _arrow(picture, (x * scale, y * scale), (u * trim * unit, v * trim * unit))
+    return picture
+
+
+def _arrow(picture: Picture, start: tuple[float, float], vector: tuple[float, float]) -> None:
+    shift = 4
+    tail = (round(start[0] * 16), round(start[1] * 16))
+    head = (round((start[0] + vector[0]) * 16), round((start[1] + vector[1]) * 16))
+    if math.hypot(*vector) < 1.5:
+        cv2.circle(picture, tail, 12, NOTE, -1, cv2.LINE_AA, shift)
+        return
+    cv2.arrowedLine(picture, tail, head, ARROW, 1, cv2.LINE_AA, shift, 0.3)
+
+
+def _legend(picture: Picture) -> None:
+    """Colour wheel in the lower right corner: each point has the colour of the flow that points to it."""
+    radius = max(min(picture.shape[:2]) // 10, 10)
+    if min(picture.shape[:2]) < 4 * radius:
+        return
+    offsets = np.arange(-radius, radius + 1) / radius
+    u, v = np.meshgrid(offsets, offsets)
+    disc = np.hypot(u, v) <= 1.0
+    corner = picture[-2 * radius - 7 : -6, -2 * radius - 7 : -6]
+    corner[disc] = flow_colours(np.dstack([u, v]), 1.0)[disc]
+    centre = (picture.shape[1] - radius - 7, picture.shape[0] - radius - 7)
+    cv2.circle(picture, centre, radius, (90, 90, 90), 1, cv2.LINE_AA)
+
+
+def _mask_picture(fields: FlowFields, box: Box | None, state: str, size: tuple[int, int]) -> Picture:
+    picture = _fit(_gray_to_bgr(fields.curr * 0.45), size)
+    scale = _fit_scale(fields.curr.shape, size)
+    colour = STATE_COLOURS.get(state, STATE_COLOURS["lost"])
+    if fields.mask is not None:
+        large = cv2.resize(
+            fields.mask.astype(np.uint8), (picture.shape[1], picture.shape[0]), interpolation=cv2.INTER_NEAREST
+        )
+        lit = _fit(_gray_to_bgr(fields.curr), size)
+        picture[large > 0] = lit[large > 0]
+        edges, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(picture, edges, -1, WINDOW, 1, cv2.LINE_AA)
+    if box is not None:
+        local = box.moved(-fields.window.x, -fields.window.y)
+        _draw_rectangle(picture, local, colour, 2, scale / fields.step)
+    return picture
