@@ -1,0 +1,227 @@
+"""Pairs of frames whose true flow is known: Middlebury-layout folders and the synthetic suites."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["TUNED_ON", "FlowPair", "dataset_pairs", "middlebury_pairs", "read_flo", "suite_pairs", "write_flo"]
+
+TUNED_ON = frozenset({"Dimetrodon", "Grove2", "RubberWhale", "Urban2"})
+"""Middlebury pairs on which our presets' parameters were chosen; the others are reported separately."""
+
+UNKNOWN_FLOW = 1e9
+"""Middlebury's mark: a component larger than this means that the truth is not known there."""
+
+CONTEXT = 2
+"""Frames of a synthetic sequence that a pair carries on either side, for methods that use more than two."""
+
+
+@dataclass(frozen=True, eq=False)
+class FlowPair:
+    """Two frames and the true flow from the first to the second.
+
+    Parameters
+    ----------
+    name : str
+        Unique within a run; also the name of its picture files.
+    frames : tuple of ndarray, each (H, W, 3) uint8 BGR
+        The pair, or the short sequence round it for methods that use more than two frames.
+    index : int
+        ``frames[index]`` and ``frames[index + 1]`` are the pair.
+    flow : ndarray, shape (H, W, 2), float32
+        Truth, px per frame.
+    valid : ndarray of bool, shape (H, W)
+        Where the truth is known.
+    group : str
+        "tuned on" or "held out" for pairs with a published split, else "".
+    """
+
+    name: str
+    frames: tuple[NDArray[np.uint8], ...]
+    index: int
+    flow: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    group: str = ""
+    fingerprint: str = field(init=False, default="")
+
+    def __post_init__(self) -> None:
+        """Check the shapes and compute the content hash, by which results are kept."""
+        if not 0 <= self.index < len(self.frames) - 1:
+            raise ValueError(
+                f"expected an index below {len(self.frames) - 1} for {len(self.frames)} frames, got {self.index}"
+            )
+        size = self.first.shape[:2]
+        if self.second.shape[:2] != size or self.flow.shape != (*size, 2) or self.valid.shape != size:
+            raise ValueError(
+                f"{self.name}: expected frames, flow and valid of one size, got {size}, {self.second.shape[:2]}, "
+                f"{self.flow.shape}, {self.valid.shape}"
+            )
+        digest = hashlib.sha256(f"{self.index}/{len(self.frames)}".encode())
+        arrays: tuple[NDArray[Any], ...] = (*self.frames, self.flow, self.valid)
+        for array in arrays:
+            digest.update(f"{array.shape}{array.dtype}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        object.__setattr__(self, "fingerprint", digest.hexdigest()[:16])
+
+    @property
+    def first(self) -> NDArray[np.uint8]:
+        """The earlier frame of the pair."""
+        return self.frames[self.index]
+
+    @property
+    def second(self) -> NDArray[np.uint8]:
+        """The later frame of the pair."""
+        return self.frames[self.index + 1]
+
+
+def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Read a Middlebury .flo file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    flow : ndarray, shape (H, W, 2), float32
+        px per frame; 0 where unknown.
+    valid : ndarray of bool, shape (H, W)
+
+    Raises
+    ------
+    ValueError
+        If there is no readable .flo file.
+    """
+    flow = cv2.readOpticalFlow(str(path)) if path.is_file() else None
+    if flow is None:
+        raise ValueError(f"expected a Middlebury .flo file, got {path}")
+    valid = np.asarray((np.abs(flow) <= UNKNOWN_FLOW).all(axis=2), dtype=np.bool_)
+    return np.where(valid[:, :, np.newaxis], flow, np.float32(0)).astype(np.float32), valid
+
+
+def write_flo(path: Path, flow: NDArray[np.float32], valid: NDArray[np.bool_] | None = None) -> None:
+    """Write a Middlebury .flo file.
+
+    Parameters
+    ----------
+    path : Path
+    flow : ndarray, shape (H, W, 2)
+        px per frame.
+    valid : ndarray of bool, shape (H, W), optional
+        Pixels that are not valid are written as unknown.
+
+    Raises
+    ------
+    ValueError
+        If the flow has another shape.
+    OSError
+        If the file cannot be written.
+    """
+    if flow.ndim != 3 or flow.shape[2] != 2:
+        raise ValueError(f"expected a flow of shape (H, W, 2), got {flow.shape}")
+    data = np.ascontiguousarray(flow, dtype=np.float32)
+    if valid is not None:
+        data = np.where(valid[:, :, np.newaxis], data, np.float32(10 * UNKNOWN_FLOW)).astype(np.float32)
+    if not cv2.writeOpticalFlow(str(path), data):
+        raise OSError(f"cannot write {path}")
+
+
+def middlebury_pairs(folder: Path) -> Iterator[FlowPair]:
+    """Pairs of a folder in Middlebury's layout: ``NAME/frame10.png``, ``NAME/frame11.png``, ``NAME/flow10.flo``.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Yields
+    ------
+    FlowPair
+        In the order of their names. The published split is noted in ``group`` only where all of
+        :data:`TUNED_ON` are present, that is where the folder is Middlebury's own.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds no pair, or a frame cannot be read.
+    """
+    scenes = sorted(path.parent for path in folder.glob("*/flow10.flo"))
+    if not scenes:
+        raise ValueError(f"expected a folder with NAME/frame10.png, frame11.png and flow10.flo, got {folder}")
+    split = {scene.name for scene in scenes} >= TUNED_ON
+    for scene in scenes:
+        flow, valid = read_flo(scene / "flow10.flo")
+        frames = tuple(_read_frame(scene / f"frame{number}.png") for number in (10, 11))
+        group = ("tuned on" if scene.name in TUNED_ON else "held out") if split else ""
+        yield FlowPair(scene.name, frames, 0, flow, valid, group)
+
+
+def _read_frame(path: Path) -> NDArray[np.uint8]:
+    frame = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if frame is None:
+        raise ValueError(f"expected a readable image, got {path}")
+    return np.asarray(frame, dtype=np.uint8)
+
+
+def dataset_pairs(dataset: str) -> Iterator[FlowPair]:
+    """Pairs of a dataset given on the command line as ``kind:folder``.
+
+    Parameters
+    ----------
+    dataset : str
+        ``middlebury:DIR``.
+
+    Returns
+    -------
+    iterator of FlowPair
+
+    Raises
+    ------
+    ValueError
+        If the kind is unknown.
+    """
+    kind, _, folder = dataset.partition(":")
+    if kind != "middlebury" or not folder:
+        raise ValueError(f"expected middlebury:DIR, got {dataset!r}")
+    return middlebury_pairs(Path(folder))
+
+
+def suite_pairs(suite: str, count: int) -> Iterator[FlowPair]:
+    """A few pairs of every sequence of a synthetic suite.
+
+    Parameters
+    ----------
+    suite : str
+        Name in ``datasets_synthetic.SUITES``.
+    count : int
+        Pairs per sequence, spread over its length.
+
+    Yields
+    ------
+    FlowPair
+        With up to two frames more on either side, for methods that use a sequence.
+
+    Raises
+    ------
+    ValueError
+        If the suite is unknown; names the known ones.
+    """
+    from datasets_synthetic import SUITES, render
+
+    if suite not in SUITES:
+        raise ValueError(f"unknown suite {suite!r}; known: {', '.join(SUITES)}")
+    for spec in SUITES[suite]:
+        sequence = render(spec)
+        last = len(sequence.frames) - 2
+        for t in sorted({round(place) for place in np.linspace(0, last, count + 2)[1:-1]}):
+            flow, valid = sequence.flow(t)
+            start = max(t - CONTEXT, 0)
+            frames = tuple(np.asarray(frame) for frame in sequence.frames[start : t + CONTEXT + 2])
+            yield FlowPair(f"{spec.name}-{t:03d}", frames, t - start, flow, valid)

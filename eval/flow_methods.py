@@ -1,0 +1,279 @@
+"""FLOW_METHODS: every flow method the referee knows, by name, each with where it comes from.
+
+A method's factory is called in a process of its own, once; what it returns is called for every pair as
+``(first, second) -> flow``. Methods that need more than two frames (``uses_sequence``) are called as
+``(frames, index) -> flow`` instead. Methods run with the settings they are shipped with: nothing is tuned here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FLOW_METHODS", "YARDSTICK", "FlowMethod", "MissingLibraryError", "estimate_flow", "flow_method"]
+
+Image = NDArray[np.uint8]
+Flow = NDArray[np.float32]
+
+YARDSTICK = "dis-medium"
+"""The method whose time is measured beside every other's, so that times of different machines can be compared."""
+
+
+class MissingLibraryError(RuntimeError):
+    """The installed wheels do not offer this method; a row with a note, not a failure."""
+
+
+@dataclass(frozen=True)
+class FlowMethod:
+    """One entry of the comparison.
+
+    Parameters
+    ----------
+    family : str
+        What kind of method it is; colours the plots.
+    source : str
+        The publication and the implementation used.
+    factory : callable
+        ``() -> function``; raises :class:`MissingLibraryError` where its library is absent.
+    depends : tuple of str
+        Modules whose version (libraries) or source text (this checkout's) decides the result.
+    uses_sequence : bool
+        The function takes ``(frames, index)`` rather than ``(first, second)``.
+    """
+
+    family: str
+    source: str
+    factory: Callable[[], Callable[..., Flow]]
+    depends: tuple[str, ...]
+    uses_sequence: bool = False
+
+    def fingerprint(self) -> str:
+        """Hash of everything but the frames that decides the result: results are kept under it."""
+        digest = hashlib.sha256(f"{self.source}/{self.uses_sequence}".encode())
+        for module in (__name__, *self.depends):
+            digest.update(_module_state(module))
+        return digest.hexdigest()[:16]
+
+
+def _module_state(module: str) -> bytes:
+    if module.split(".")[0] not in ("eval", "hs_tracker_cv"):
+        try:
+            return f"{module} {importlib.import_module(module).__version__}".encode()
+        except ImportError:
+            return f"{module} absent".encode()
+    spec = importlib.util.find_spec(module)
+    if spec is None or spec.origin is None:
+        return f"{module} absent".encode()
+    origin = Path(spec.origin)
+    files = sorted(origin.parent.glob("*.py")) if origin.name == "__init__.py" else [origin]
+    return b"".join(file.read_bytes() for file in files)
+
+
+def gray(image: Image) -> Image:
+    """Gray version of a gray or BGR frame."""
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+
+
+def _zero() -> Callable[[Image, Image], Flow]:
+    return lambda first, second: np.zeros((*first.shape[:2], 2), np.float32)
+
+
+def _ours(mode: str) -> Callable[[], Callable[[Image, Image], Flow]]:
+    def factory() -> Callable[[Image, Image], Flow]:
+        try:
+            from hs_tracker_cv.flow import HornSchunck
+        except ImportError as error:
+            raise MissingLibraryError(str(error)) from error
+        solver = HornSchunck(mode)
+        return lambda first, second: solver.calc(gray(first), gray(second), None)
+
+    return factory
+
+
+def _paper() -> Callable[[Image, Image], Flow]:
+    """Classic Horn–Schunck, λ = 10, on frames smoothed by a Gaussian, as the paper does it."""
+    classic = _ours("classic")()
+
+    def calc(first: Image, second: Image) -> Flow:
+        return classic(*(cv2.GaussianBlur(gray(frame), (0, 0), 1.0) for frame in (first, second)))  # type: ignore[arg-type]
+
+    return calc
+
+
+def _cv2(name: str, *arguments: Any, module: str = "", color: bool = False) -> Callable[[], Callable[..., Flow]]:
+    """Factory of a cv2.DenseOpticalFlow by the name of its `create` function."""
+
+    def factory() -> Callable[[Image, Image], Flow]:
+        place = getattr(cv2, module, None) if module else cv2
+        create = getattr(place, name, None)
+        if create is None:
+            where = f"cv2.{module}.{name}" if module else f"cv2.{name}"
+            raise MissingLibraryError(f"{where} is not in this OpenCV {cv2.__version__} wheel")
+        solver = create(*arguments)
+        prepare = _bgr if color else gray
+        return lambda first, second: solver.calc(prepare(first), prepare(second), None)
+
+    return factory
+
+
+def _bgr(image: Image) -> Image:
+    return image if image.ndim == 3 else np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+
+
+def _skimage(name: str) -> Callable[[], Callable[..., Flow]]:
+    def factory() -> Callable[[Image, Image], Flow]:
+        try:
+            from skimage import registration
+        except ImportError as error:
+            raise MissingLibraryError("scikit-image is not installed") from error
+        function = getattr(registration, name)
+
+        def calc(first: Image, second: Image) -> Flow:
+            # scikit-image orders the components (row, column) and expects floats in 0–1.
+            images = (np.asarray(gray(frame), np.float32) / 255.0 for frame in (first, second))
+            v, u = function(*images, dtype=np.float32)
+            return np.stack([u, v], axis=2)
+
+        return calc
+
+    return factory
+
+
+FLOW_METHODS: dict[str, FlowMethod] = {
+    "zero": FlowMethod("null", "nothing moves: what any method must beat", _zero, ()),
+    "hs-classic": FlowMethod(
+        "ours",
+        "hs_tracker_cv HornSchunck('classic'): Horn and Schunck 1981",
+        _ours("classic"),
+        ("hs_tracker_cv.flow",),
+    ),
+    "hs-solve": FlowMethod(
+        "ours",
+        "hs_tracker_cv HornSchunck('solve'): the same equations, solved",
+        _ours("solve"),
+        ("hs_tracker_cv.flow",),
+    ),
+    "hs-fast": FlowMethod("ours", "hs_tracker_cv HornSchunck('fast')", _ours("fast"), ("hs_tracker_cv.flow",)),
+    "hs-default": FlowMethod(
+        "ours", "hs_tracker_cv HornSchunck('default')", _ours("default"), ("hs_tracker_cv.flow",)
+    ),
+    "hs-accurate": FlowMethod(
+        "ours", "hs_tracker_cv HornSchunck('accurate')", _ours("accurate"), ("hs_tracker_cv.flow",)
+    ),
+    "paper": FlowMethod(
+        "ours",
+        "the paper: smoothed frames, classic Horn–Schunck with λ = 10, by HornSchunck('classic')",
+        _paper,
+        ("hs_tracker_cv.flow", "cv2"),
+    ),
+    "dis-ultrafast": FlowMethod(
+        "OpenCV", "cv2 DIS, ultrafast preset: Kroeger et al., ECCV 2016", _cv2("DISOpticalFlow_create", 0), ("cv2",)
+    ),
+    "dis-fast": FlowMethod("OpenCV", "cv2 DIS, fast preset", _cv2("DISOpticalFlow_create", 1), ("cv2",)),
+    YARDSTICK: FlowMethod("OpenCV", "cv2 DIS, medium preset", _cv2("DISOpticalFlow_create", 2), ("cv2",)),
+    "farneback": FlowMethod("OpenCV", "cv2 Farnebäck, SCIA 2003", _cv2("FarnebackOpticalFlow_create"), ("cv2",)),
+    "dual-tvl1": FlowMethod(
+        "OpenCV",
+        "cv2.optflow Dual TV-L1: Zach, Pock and Bischof, DAGM 2007",
+        _cv2("createOptFlow_DualTVL1", module="optflow"),
+        ("cv2",),
+    ),
+    "dense-rlof": FlowMethod(
+        "OpenCV",
+        "cv2.optflow dense RLOF: Senst et al., TCSVT 2012; GCPR 2016",
+        _cv2("createOptFlow_DenseRLOF", module="optflow", color=True),
+        ("cv2",),
+    ),
+    "deepflow": FlowMethod(
+        "OpenCV",
+        "cv2.optflow DeepFlow without its matches: Weinzaepfel et al., ICCV 2013",
+        _cv2("createOptFlow_DeepFlow", module="optflow"),
+        ("cv2",),
+    ),
+    "ilk": FlowMethod(
+        "scikit-image",
+        "skimage iterative Lucas–Kanade: Le Besnerais and Champagnat, ICIP 2005",
+        _skimage("optical_flow_ilk"),
+        ("skimage",),
+    ),
+    "tvl1": FlowMethod(
+        "scikit-image",
+        "skimage TV-L1: Zach, Pock and Bischof, DAGM 2007",
+        _skimage("optical_flow_tvl1"),
+        ("skimage",),
+    ),
+}
+"""Method by name. Families without a kept library are small implementations in ``eval/baselines/flow_*.py``."""
+
+
+def flow_method(name: str) -> FlowMethod:
+    """Method by its name in :data:`FLOW_METHODS`, or by ``pkg.module:factory``.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    FlowMethod
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown; names the known ones.
+    """
+    if name in FLOW_METHODS:
+        return FLOW_METHODS[name]
+    module, _, attribute = name.partition(":")
+    if not attribute:
+        raise ValueError(f"unknown flow method {name!r}; known: {', '.join(FLOW_METHODS)}, or pkg.module:factory")
+
+    def factory() -> Callable[..., Flow]:
+        function: Callable[..., Flow] = getattr(importlib.import_module(module), attribute)()
+        return function
+
+    return FlowMethod("own", name, factory, _custom_depends(module))
+
+
+def _custom_depends(module: str) -> tuple[str, ...]:
+    """Modules outside the checkout often have no version: only those with one can be told apart."""
+    return (module,) if hasattr(importlib.import_module(module), "__version__") else ()
+
+
+def estimate_flow(
+    method: FlowMethod, function: Callable[..., Any], frames: Sequence[Image], index: int
+) -> NDArray[np.float32]:
+    """Flow from ``frames[index]`` to the next frame, checked.
+
+    Parameters
+    ----------
+    method : FlowMethod
+    function : callable
+        What ``method.factory()`` returned.
+    frames : sequence of ndarray, each (H, W) or (H, W, 3) uint8
+    index : int
+
+    Returns
+    -------
+    ndarray, shape (H, W, 2), float32
+
+    Raises
+    ------
+    ValueError
+        If the method returns something that is not a flow of the frame's size.
+    """
+    raw = function(frames, index) if method.uses_sequence else function(frames[index], frames[index + 1])
+    flow = np.asarray(raw)
+    expected = (*frames[index].shape[:2], 2)
+    if flow.shape != expected:
+        raise ValueError(f"expected a flow of shape {expected}, got {flow.shape}")
+    return np.ascontiguousarray(flow, dtype=np.float32)
