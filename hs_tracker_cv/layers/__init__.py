@@ -1,0 +1,12 @@
+"""The two-layer model: the object's motion and the background's as two hypotheses per pixel.
+
+A mask of the object is carried from frame to frame by the flow; a memory of the background says what has changed.
+Everything is a pure function from one frozen state to the next.
+"""
+
+from __future__ import annotations
+
+from .state import LayersParams, LayersReport, LayersState
+from .tracking import reseed, start, step, watch
+
+__all__ = ["LayersParams", "LayersReport", "LayersState", "reseed", "start", "step", "watch"]

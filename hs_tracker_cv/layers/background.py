@@ -1,0 +1,130 @@
+"""The background: how the camera moves over it, and what it looks like where the object is not."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .kernels import gauss_newton
+from .state import Atlas, Image, Plane
+from .window import shifted
+
+__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "view"]
+
+_PIXELS = 1500
+_FEWEST = 60  # fewer pixels say nothing about the camera
+
+
+class Background(NamedTuple):
+    """The atlas registered to this frame, and the camera's translation since the last one (lattice px)."""
+
+    atlas: Atlas
+    camera: tuple[float, float]
+
+
+def camera_from_flow(
+    flow: NDArray[np.float32], outside: NDArray[np.bool_], last: tuple[float, float]
+) -> tuple[float, float]:
+    """Median flow outside the object; exactly zero when it is small, the last one when hardly anything is outside."""
+    chosen = flow[::2, ::2][outside[::2, ::2]]
+    if 4 * len(chosen) < _FEWEST:
+        return last
+    u, v = (float(np.median(chosen[:, i])) for i in (0, 1))
+    return (0.0, 0.0) if np.hypot(u, v) < 0.12 else (u, v)
+
+
+def register(
+    atlas: Atlas, image: Image, weight: Plane, camera: tuple[float, float], noise: float, inside: NDArray[np.int64]
+) -> Background:
+    """Find where the atlas lies in this frame, and its brightness; move it there by whole pixels.
+
+    Against the atlas, not the previous frame, so that errors don't add up. "The camera stood still" wins ties:
+    otherwise noise slowly blurs the atlas.
+    """
+    h, w, channels = image.shape
+    picture = np.ascontiguousarray(atlas.planes[:, :, :channels])
+    grid = np.array((w / 2, h / 2, max(h, w) / 2))
+    used = weight * (atlas.planes[:, :, channels] > 0)
+    stride = max(1, round(float(np.count_nonzero(used)) / _PIXELS))
+    nothing = np.zeros(8)
+    prior = np.full(8, 1e6)
+    prior[[0, 3]] = 0.02 * noise * noise
+    prior[6] = 1.0
+
+    def cost(theta: NDArray[np.float64]) -> float:
+        return float(gauss_newton(image, picture, used, grid, theta, nothing, 1.0, 0, stride, inside))
+
+    still, moved = np.zeros(8), np.zeros(8)
+    still[[0, 3]] = atlas.offset
+    moved[[0, 3]] = atlas.offset[0] + camera[0], atlas.offset[1] + camera[1]
+    best, best_cost = still, cost(still)
+    if camera != (0.0, 0.0) and (moved_cost := cost(moved)) < best_cost:
+        best, best_cost = moved, moved_cost
+    refined = best.copy()
+    refined_cost = float(
+        gauss_newton(image, picture, used, grid, refined, prior, 3.0 * noise, 3, stride, inside)
+    )
+    if refined_cost <= best_cost and np.hypot(refined[0] - best[0], refined[3] - best[3]) < 2.0:
+        best, best_cost = refined, refined_cost
+    still[6] = best[6]
+    if cost(still) <= 1.03 * best_cost + 0.02:
+        best = still
+    return _place(atlas, best, channels)
+
+
+def _place(atlas: Atlas, theta: NDArray[np.float64], channels: int) -> Background:
+    offset = []
+    for new, old in zip(theta[[0, 3]], atlas.offset, strict=True):
+        whole = float(np.round(new))
+        offset.append(whole if abs(new - whole) < 0.08 and abs(new - old) < 0.15 else float(new))
+    gain = min(max(1.0 + 0.01 * float(theta[6]), 0.5), 1.8)
+    camera = (offset[0] - atlas.offset[0], offset[1] - atlas.offset[1])
+    rx, ry = round(offset[0]), round(offset[1])
+    planes = atlas.planes
+    if (rx, ry) != (0, 0):
+        planes = move(planes, -rx, -ry, (planes.shape[0], planes.shape[1]))
+    if abs(gain - 1.0) > 0.004:
+        planes = planes.copy()
+        planes[:, :, :channels] *= np.float32(gain)
+    return Background(Atlas(planes, (offset[0] - rx, offset[1] - ry)), camera)
+
+
+def move(planes: NDArray[np.float32], dx: int, dy: int, size: tuple[int, int]) -> NDArray[np.float32]:
+    """Atlas planes in another window; pixels without data have −1 samples."""
+    out = shifted(planes, dx, dy, size, 0.0)
+    marker = shifted(np.zeros(planes.shape[:2], np.float32), dx, dy, size, -1.0)
+    samples = planes.shape[2] - 3
+    out[:, :, samples] += marker
+    return out
+
+
+def fill_new(planes: NDArray[np.float32], image: Image, odds: Plane) -> NDArray[np.float32]:
+    """Give pixels without data this frame's colour: one sample, or none where the object may be."""
+    channels = image.shape[2]
+    new = planes[:, :, channels] < 0
+    if not new.any():
+        return planes
+    planes = planes.copy()
+    planes[new, :channels] = image[new]
+    planes[new, channels] = odds[new] < -1.0
+    planes[new, channels + 1 :] = 0.0
+    return planes
+
+
+def view(atlas: Atlas, channels: int) -> tuple[Image, Plane]:
+    """Background as this frame's camera sees it, and its number of samples."""
+    picture = np.ascontiguousarray(atlas.planes[:, :, :channels])
+    return shift(picture, atlas.offset), np.ascontiguousarray(atlas.planes[:, :, channels])
+
+
+def shift(image: Image, offset: tuple[float, float]) -> Image:
+    """Image moved by a fraction of a pixel (cubic), the border repeated; itself for no motion."""
+    if offset == (0.0, 0.0):
+        return image
+    matrix = np.array(((1.0, 0.0, offset[0]), (0.0, 1.0, offset[1])))
+    size = (image.shape[1], image.shape[0])
+    out = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(out, dtype=np.float32).reshape(image.shape)

@@ -1,0 +1,536 @@
+"""The inner loops of the two-layer model, in Numba: arrays in, arrays out; no checks, no options.
+
+Images are (h, w, C) float32 windows, planes (h, w) float32; all C-contiguous and of one window size. `inside` is
+(x0, y0, x1, y1): the part of the window that lies inside the frame, in window pixels, end exclusive.
+An affine displacement is a[0..5]: q = p + (a0 + a1 X + a2 Y, a3 + a4 X + a5 Y) with X = (x − cx) / scale, Y alike,
+and `grid` is (cx, cy, scale).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+__all__ = [
+    "alpha_edge",
+    "evidence",
+    "fit_affine",
+    "gauss_newton",
+    "label",
+    "learn",
+    "local_products",
+    "search_shift",
+]
+
+# Nothing here may be NaN: frames.crop has removed what is not finite. 'nnan' and 'ninf' stay off all the same.
+_FAST = {"contract", "reassoc", "nsz", "arcp"}
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def _solve(a, b, n):
+    """Solve the symmetric positive definite system a x = b in place (Cholesky); x is left in `b`."""
+    for j in range(n):
+        for k in range(j):
+            b[j] -= a[j, k] * b[k]
+            for i in range(j, n):
+                a[i, j] -= a[i, k] * a[j, k]
+        pivot = np.sqrt(max(a[j, j], 1e-9))
+        for i in range(j, n):
+            a[i, j] /= pivot
+        b[j] /= pivot
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= a[k, i] * b[k]
+        b[i] /= a[i, i]
+
+
+@njit(cache=True, nogil=True)
+def _median(values, n):
+    """Median of values[:n] by selection; the order of `values` is destroyed."""
+    low, high, middle = 0, n - 1, n // 2
+    while low < high:
+        pivot = values[middle]
+        i, j = low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                held = values[i]
+                values[i] = values[j]
+                values[j] = held
+                i += 1
+                j -= 1
+        if j < middle:
+            low = i
+        if i > middle:
+            high = j
+    return values[middle]
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations, stride, inside):
+    """Register `reference` in `image`: minimise Σ w ρ(I(p + a(p)) − g R(p) − b) over theta = (a, g, b), in place.
+
+    theta[6] is 100 (g − 1), theta[7] is b. `prior` holds the diagonal ridge towards the start value, per unit of
+    weight. ρ has the weights (1 + (e / scale)²)⁻². Every `stride`-th pixel of a row is used, shifted from row to row.
+    Returns the mean of min(|e|, 40) at the final theta (1e9 when less than a quarter of the weight is in the frame);
+    with no iterations that is all it does.
+    """
+    h, w, channels = reference.shape
+    cx, cy, unit = grid[0], grid[1], grid[2]
+    left, top, right, bottom = inside[0], inside[1], inside[2] - 1, inside[3] - 1
+    start = theta.copy()
+    normal = np.zeros((8, 8))
+    rhs = np.zeros(8)
+    basis = np.ones(3)
+    cost = 0.0
+    share = 1.0 / channels
+    for iteration in range(iterations + 1):
+        last = iteration == iterations
+        normal[:, :] = 0.0
+        rhs[:] = 0.0
+        gain = 1.0 + 0.01 * theta[6]
+        bias = theta[7]
+        wanted, used, cost = 0.0, 0.0, 0.0
+        for y in range(h):
+            for x in range(y % stride, w, stride):
+                wt = weight[y, x]
+                if wt <= 0.0:
+                    continue
+                wanted += wt
+                basis[1] = (x - cx) / unit
+                basis[2] = (y - cy) / unit
+                qx = x + theta[0] + theta[1] * basis[1] + theta[2] * basis[2]
+                qy = y + theta[3] + theta[4] * basis[1] + theta[5] * basis[2]
+                if qx < left or qy < top or qx >= right or qy >= bottom:
+                    continue
+                ix, iy = int(qx), int(qy)
+                fx, fy = qx - ix, qy - iy
+                xm, xp = max(x - 1, 0), min(x + 1, w - 1)
+                ym, yp = max(y - 1, 0), min(y + 1, h - 1)
+                sxx, sxy, syy, sxe, sye, sxr, syr, sx, sy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                srr, sr, sre, se, see = 0.0, 0.0, 0.0, 0.0, 0.0
+                for c in range(channels):
+                    i00, i01 = image[iy, ix, c], image[iy, ix + 1, c]
+                    i10, i11 = image[iy + 1, ix, c], image[iy + 1, ix + 1, c]
+                    r = reference[y, x, c]
+                    gx0, gx1 = i01 - i00, i11 - i10
+                    value = i00 + fx * gx0
+                    value += fy * (i10 + fx * gx1 - value)
+                    e = value - gain * r - bias
+                    see += e * e
+                    if not last:
+                        # the mean of both images' gradients: nearly second-order convergence
+                        gx = 0.5 * (gx0 + fy * (gx1 - gx0))
+                        gx += 0.25 * gain * (reference[y, xp, c] - reference[y, xm, c])
+                        gy = 0.5 * (i10 - i00 + fx * (i11 - i01 - i10 + i00))
+                        gy += 0.25 * gain * (reference[yp, x, c] - reference[ym, x, c])
+                        r *= -0.01
+                        sxx += gx * gx
+                        sxy += gx * gy
+                        syy += gy * gy
+                        sxe += gx * e
+                        sye += gy * e
+                        sxr += gx * r
+                        syr += gy * r
+                        sx -= gx
+                        sy -= gy
+                        srr += r * r
+                        sr -= r
+                        sre += r * e
+                        se -= e
+                see *= share
+                used += wt
+                cost += wt * min(np.sqrt(see), 40.0)
+                if not last:
+                    rho = 1.0 + see / (scale * scale)
+                    wr = share * wt / (rho * rho)
+                    for i in range(3):
+                        wi = wr * basis[i]
+                        for j in range(i + 1):
+                            wij = wi * basis[j]
+                            normal[i, j] += wij * sxx
+                            normal[i + 3, j + 3] += wij * syy
+                        for j in range(3):
+                            normal[i + 3, j] += wi * basis[j] * sxy
+                        normal[6, i] += wi * sxr
+                        normal[6, i + 3] += wi * syr
+                        normal[7, i] += wi * sx
+                        normal[7, i + 3] += wi * sy
+                        rhs[i] -= wi * sxe
+                        rhs[i + 3] -= wi * sye
+                    normal[6, 6] += wr * srr
+                    normal[7, 6] += wr * sr
+                    normal[7, 7] += wr * channels
+                    rhs[6] -= wr * sre
+                    rhs[7] -= wr * se
+        if used < 0.25 * wanted or used <= 0.0:
+            return 1e9
+        cost /= used
+        if last:
+            break
+        for i in range(8):
+            normal[i, i] += prior[i] * wanted
+            rhs[i] -= prior[i] * wanted * (theta[i] - start[i])
+        _solve(normal, rhs, 8)
+        longest = max(np.sqrt(rhs[0] * rhs[0] + rhs[3] * rhs[3]), 1e-6)
+        shorten = min(1.0, 1.5 / longest)
+        for i in range(8):
+            theta[i] += shorten * rhs[i]
+    return cost
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, points, theta):
+    """Robust affine fit of `flow` on the object {log_odds > 0}, towards the prediction in `theta` (in place).
+
+    Iteratively reweighted least squares, five rounds. Pixels count by their gradient (a flat pixel's flow is only
+    its neighbours'), by the odds that they are the object and, when `young`, by their contrast to the camera.
+    `points` is a workspace (N, 7). Returns the scale of the residual, px.
+    """
+    h, w = log_odds.shape
+    n = 0
+    area = 0.0
+    for y in range(1, h - 1):
+        for x in range(1 + y % stride, w - 1, stride):
+            s = log_odds[y, x]
+            if s <= 0.0 or n >= points.shape[0]:
+                continue
+            gx = 0.5 * (gray[y, x + 1] - gray[y, x - 1])
+            gy = 0.5 * (gray[y + 1, x] - gray[y - 1, x])
+            g2 = gx * gx + gy * gy
+            u, v = flow[y, x, 0], flow[y, x, 1]
+            wt = g2 / (g2 + 4.0 * noise * noise + 9.0) * min(max(0.5 * (s + 0.5), 0.1), 1.0)
+            if young:
+                du, dv = u - camera[0], v - camera[1]
+                wt *= min(1.0, (du * du + dv * dv) * 4.0 + 0.05)
+            points[n, 0] = (x - grid[0]) / grid[2]
+            points[n, 1] = (y - grid[1]) / grid[2]
+            points[n, 2] = u
+            points[n, 3] = v
+            points[n, 4] = wt
+            points[n, 5] = 0.0
+            area += 1.0
+            n += 1
+    if n == 0:
+        return 0.0
+    start = theta.copy()
+    a = np.zeros((3, 3))
+    bu = np.zeros(3)
+    bv = np.zeros(3)
+    basis = np.ones(3)
+    scale = 1e3
+    for _ in range(5):
+        a[:, :] = 0.0
+        for i in range(3):
+            a[i, i] = ridge[i] * area
+            bu[i] = a[i, i] * start[i]
+            bv[i] = a[i, i] * start[3 + i]
+        for p in range(n):
+            r2 = points[p, 5] / (2.25 * scale * scale)
+            wt = points[p, 4] / ((1.0 + r2) * (1.0 + r2))
+            basis[1] = points[p, 0]
+            basis[2] = points[p, 1]
+            for i in range(3):
+                wi = wt * basis[i]
+                bu[i] += wi * points[p, 2]
+                bv[i] += wi * points[p, 3]
+                for j in range(i + 1):
+                    a[i, j] += wi * basis[j]
+        # _solve destroys its matrix; the upper half, unused by it, keeps a copy for the second right-hand side
+        d0, d1, d2 = a[0, 0], a[1, 1], a[2, 2]
+        l10, l20, l21 = a[1, 0], a[2, 0], a[2, 1]
+        _solve(a, bu, 3)
+        a[0, 0], a[1, 1], a[2, 2] = d0, d1, d2
+        a[1, 0], a[2, 0], a[2, 1] = l10, l20, l21
+        _solve(a, bv, 3)
+        for p in range(n):
+            ru = points[p, 2] - bu[0] - bu[1] * points[p, 0] - bu[2] * points[p, 1]
+            rv = points[p, 3] - bv[0] - bv[1] * points[p, 0] - bv[2] * points[p, 1]
+            points[p, 5] = ru * ru + rv * rv
+            points[p, 6] = points[p, 5]
+        scale = max(0.06, 1.48 * np.sqrt(_median(points[:, 6], n)))
+    for i in range(3):
+        theta[i] = bu[i]
+        theta[3 + i] = bv[i]
+    return scale
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def search_shift(image, obj, shape, different, centre, reach, step, inside, noise):
+    """Best translation of the object layer: Σ over its shape of [not background] (1 − min(|I − O| / (12 + 3σ), 2)).
+
+    Shifts are `centre` ± `reach` in steps of `step` px; about four hundred pixels of {shape > ½} are looked at.
+    Returns (score there, score at no shift, dx, dy), scores per pixel of the shape.
+    """
+    h, w, channels = image.shape
+    area = 0
+    for y in range(h):
+        for x in range(w):
+            if shape[y, x] > 0.5:
+                area += 1
+    stride = max(1, int(np.sqrt(area / 400.0)))
+    best, still, best_x, best_y = -1e9, 0.0, 0, 0
+    unit = 1.0 / ((12.0 + 3.0 * noise) * channels)
+    for sy in range(centre[1] - reach, centre[1] + reach + 1, step):
+        for sx in range(centre[0] - reach, centre[0] + reach + 1, step):
+            score = 0.0
+            n = 0
+            for y in range(0, h, stride):
+                for x in range(0, w, stride):
+                    if shape[y, x] <= 0.5:
+                        continue
+                    n += 1
+                    qx, qy = x + sx, y + sy
+                    if qx < inside[0] or qy < inside[1] or qx >= inside[2] or qy >= inside[3]:
+                        continue
+                    if different[qy, qx] == 0:
+                        continue
+                    e = 0.0
+                    for c in range(channels):
+                        e += abs(image[qy, qx, c] - obj[y, x, c])
+                    score += 1.0 - min(e * unit, 2.0)
+            score /= max(n, 1)
+            if sx == 0 and sy == 0:
+                still = score
+            if score > best:
+                best, best_x, best_y = score, sx, sy
+    return best, still, best_x, best_y
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def local_products(image, background, obj, out):
+    """Channel sums of I·B, B·B, I·O, O·O into out (h, w, 4): box-filtered, they give the local gains."""
+    h, w, channels = image.shape
+    for y in range(h):
+        for x in range(w):
+            ib, bb, io, oo = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            for c in range(channels):
+                i, b, o = image[y, x, c], background[y, x, c], obj[y, x, c]
+                ib += i * b
+                bb += b * b
+                io += i * o
+                oo += o * o
+            out[y, x, 0] = ib
+            out[y, x, 1] = bb
+            out[y, x, 2] = io
+            out[y, x, 3] = oo
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def evidence(image, background, moved, obj, warped, seen, products, noise, knobs, inside, out):
+    """Log-likelihood ratio, object against background, per pixel.
+
+    Parameters are windows: current image, background layer, previous image moved by the camera, object layer and
+    log-odds warped by the object's motion, samples in the background, filtered products.
+    knobs = (tau_b², tau_o², κ, motion contrast, occluded).
+    out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] the same without
+    gain or previous image, out[3] local gain of the background.
+    """
+    h, w, channels = image.shape
+    tau_b, tau_o, kappa, contrast, occluded = knobs[0], knobs[1], knobs[2], knobs[3], knobs[4]
+    mean = np.float32(1.0 / channels)
+    one, half, four = np.float32(1.0), np.float32(0.5), np.float32(4.0)
+    noise2 = np.float32(noise * noise)
+    for y in range(h):
+        ym, yp = max(y - 1, 0), min(y + 1, h - 1)
+        for x in range(w):
+            if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
+                out[0, y, x] = -2.0
+                out[1, y, x] = 0.0
+                out[2, y, x] = 0.0
+                out[3, y, x] = 1.0
+                continue
+            xm, xp = max(x - 1, 0), min(x + 1, w - 1)
+            n = seen[y, x]
+            gain_b = (products[y, x, 0] + np.float32(50.0)) / (products[y, x, 1] + np.float32(50.0))
+            gain_b = min(max(gain_b, np.float32(0.35)), np.float32(2.5))
+            gain_o = (products[y, x, 2] + np.float32(50.0)) / (products[y, x, 3] + np.float32(50.0))
+            gain_o = min(max(gain_o, np.float32(0.6)), np.float32(1.7))
+            grad_b, grad_o, b2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            eb, egb, em, eo, ego = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            for c in range(channels):
+                i, b, o = image[y, x, c], background[y, x, c], obj[y, x, c]
+                gx = background[y, xp, c] - background[y, xm, c]
+                gy = background[yp, x, c] - background[ym, x, c]
+                grad_b += gx * gx + gy * gy
+                gx = obj[y, xp, c] - obj[y, xm, c]
+                gy = obj[yp, x, c] - obj[ym, x, c]
+                grad_o += gx * gx + gy * gy
+                b2 += b * b
+                e = i - b
+                eb += e * e
+                e = i - gain_b * b
+                egb += e * e
+                e = i - moved[y, x, c]
+                em += e * e
+                e = i - o
+                eo += e * e
+                e = i - gain_o * o
+                ego += e * e
+            # the factor ¼ makes (difference over two pixels)² the gradient squared; κ/s² of the channel mean
+            var_b = noise2 * (one + one / max(n, one)) + tau_b * grad_b * mean / four
+            var_o = np.float32(1.5) * noise2 + tau_o * grad_o * mean / four
+            unit = kappa * mean / var_b
+            direct = eb * unit
+            error_b = direct
+            if gain_b < np.float32(0.97):
+                error_b = min(error_b, egb * unit + np.float32(2.0))
+            elif gain_b > np.float32(1.03):
+                lifted = kappa * mean / (var_b + np.float32(0.0025) * b2 * mean)
+                error_b = min(error_b, egb * lifted + np.float32(3.0))
+            if n < one:
+                error_b = min(error_b, em * unit)
+            s = warped[y, x]
+            error_o = min(eo, ego + var_o / (kappa * mean)) * kappa * mean / var_o
+            if s < -half:
+                error_o = np.float32(5.0)
+            ceiling = np.float32(9.0) if n >= one else four
+            ll = half * (min(error_b, ceiling) - min(error_o, np.float32(5.0)))
+            if contrast < 0.99 and ll < 0.0 and n < 5.0 and s > 0.0:
+                ll *= contrast
+            if occluded > 0.0 and n >= 2.0 and error_b < 2.0:
+                ll = min(ll, np.float32(-1.5))
+            out[0, y, x] = ll
+            out[1, y, x] = error_b
+            out[2, y, x] = direct
+            out[3, y, x] = gain_b
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def label(image, warped, ll, grown, ratio, trust, bins, out):
+    """Log-odds of object after this frame's evidence: 0.9 warped + 0.7 ll + trust · colour ratio.
+
+    `grown` is 1 where the object has grown, 2 on a distractor; `ll` is changed there. `ratio` is the log-ratio of the
+    colour histograms per bin, clipped; `bins` receives each pixel's bin.
+    """
+    h, w, channels = image.shape
+    for y in range(h):
+        for x in range(w):
+            if channels == 3:
+                blue, green, red = int(image[y, x, 0]), int(image[y, x, 1]), int(image[y, x, 2])
+                b = ((blue >> 5) << 6) + ((green >> 5) << 3) + (red >> 5)
+            else:
+                b = int(image[y, x, 0]) >> 3
+            bins[y, x] = b
+            s = warped[y, x]
+            if grown[y, x] == 1:
+                ll[y, x] = max(ll[y, x], np.float32(2.0))
+                s = max(s, np.float32(-0.5))
+            elif grown[y, x] == 2 and s < 1.0:
+                ll[y, x] = min(ll[y, x], np.float32(-1.0))
+            p = np.float32(0.9) * s + np.float32(0.7) * ll[y, x] + trust * ratio[b]
+            out[y, x] = min(max(p, np.float32(-5.0)), np.float32(5.0))
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def alpha_edge(image, background, seen, near_in, near_out, band, mask, noise, odds):
+    """Mixed pixels of the mask's edge: α of I = α o + (1 − α) b, and the odds lowered where α says background.
+
+    `near_in` and `near_out` (h, w, C + 1) are box means of the core's and the outside's colours with the share of
+    pixels they rest on as last channel. `band` is 1 where an edge pixel is in question.
+    """
+    h, w, channels = image.shape
+    for y in range(h):
+        for x in range(w):
+            if band[y, x] == 0 or mask[y, x] == 0 or near_in[y, x, channels] < 0.02:
+                continue
+            own = seen[y, x] >= 1.0
+            if not own and near_out[y, x, channels] < 0.02:
+                continue
+            span, along, total = 0.0, 0.0, 0.0
+            for c in range(channels):
+                o = near_in[y, x, c] / near_in[y, x, channels]
+                b = background[y, x, c] if own else near_out[y, x, c] / near_out[y, x, channels]
+                d, e = o - b, image[y, x, c] - b
+                span += d * d
+                along += d * e
+                total += e * e
+            if span * (3.0 / channels) <= 36.0 * noise * noise + 100.0:
+                continue
+            alpha = along / span
+            if alpha < 0.7 and total - alpha * along < 0.15 * span:
+                odds[y, x] = min(odds[y, x], min(max(8.0 * (alpha - 0.5), -3.0), 3.0))
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def learn(
+    image, aligned, mask, near, odds, raw, ll, warped, obj, shape, errors, inside, knobs, s_out, o_out, m_out, atlas, sums
+):
+    """What is remembered after a frame: log-odds, object layer, slow shape, background.
+
+    `aligned` is the image on the background's own lattice. `near` is 1 within two pixels of the object. `errors` is
+    what :func:`evidence` wrote. `atlas` (h, w, C + 3) holds the background, then samples, mismatches, age; it is
+    updated in place. knobs = (shape rate, freeze, occluded).
+    `sums` receives (known pixels outside, of these unexplained, sum of |I − B| there, pixels compared).
+    """
+    h, w, channels = image.shape
+    shape_rate, freeze, occluded = knobs[0], knobs[1], knobs[2]
+    mean = np.float32(1.0 / channels)
+    known, strange, total = 0, 0, 0.0
+    for y in range(h):
+        for x in range(w):
+            m = mask[y, x] != 0
+            s = warped[y, x]
+            l = odds[y, x]
+            if m:
+                s_new = max(raw[y, x], np.float32(0.2))
+            else:
+                s_new = s + np.float32(0.5) * (l - s)
+            s_out[y, x] = min(max(s_new, np.float32(-3.0)), np.float32(4.0))
+            m_out[y, x] = shape[y, x]
+            if freeze == 0.0:
+                target = min(max(l + np.float32(0.5), np.float32(0.0)), np.float32(1.0)) if m else np.float32(0.0)
+                m_out[y, x] += shape_rate * (target - shape[y, x])
+            rate = np.float32(0.0)
+            if m:
+                if ll[y, x] > -0.3 and (occluded == 0.0 or errors[1, y, x] >= 4.0):
+                    rate = np.float32(0.5)
+            elif freeze == 0.0:
+                rate = np.float32(1.0)
+            for c in range(channels):
+                o = obj[y, x, c]
+                o_out[y, x, c] = o + rate * (image[y, x, c] - o)
+            if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
+                continue
+            n = atlas[y, x, channels]
+            free = near[y, x] == 0
+            error, gain = errors[1, y, x], errors[3, y, x]
+            if free and n >= 1.0:
+                known += 1
+                if errors[2, y, x] > 5.0:
+                    strange += 1
+                d = np.float32(0.0)
+                for c in range(channels):
+                    d += abs(aligned[y, x, c] - atlas[y, x, c])
+                total += d * mean
+            if not m and error < 4.0 and n >= 1.0:
+                atlas[y, x, channels + 2] = 0.0
+            else:
+                atlas[y, x, channels + 2] += 1.0
+            if not free or l >= -1.0:
+                continue
+            if n >= 1.0 and error >= 6.0:
+                bad = atlas[y, x, channels + 1] + 1.0
+                atlas[y, x, channels + 1] = bad
+                if bad < 6.0 or (bad < 25.0 and (gain < 0.93 or gain > 1.07)):
+                    continue
+                n = np.float32(0.0)
+            else:
+                atlas[y, x, channels + 1] = 0.0
+            if n >= 1.0 and gain <= 0.93:
+                continue
+            if n >= 1.0 and gain > 1.07:
+                n = np.float32(0.0)
+            rate = max(np.float32(1.0) / (n + np.float32(1.0)), np.float32(0.06))
+            if n >= 1.0 and gain < 0.985:
+                rate = min(rate, np.float32(0.02))
+            for c in range(channels):
+                b = atlas[y, x, c]
+                atlas[y, x, c] = b + rate * (aligned[y, x, c] - b)
+            atlas[y, x, channels] = min(n + np.float32(1.0), np.float32(20.0))
+    sums[0] = known
+    sums[1] = strange
+    sums[2] = total

@@ -1,0 +1,143 @@
+"""From evidence to a mask and from a mask to a box."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import Box
+from .kernels import alpha_edge
+from .state import Image, Plane
+
+__all__ = ["Mask", "box_of", "component", "dilate", "grow", "refine_edge"]
+
+Mask = NDArray[np.uint8]
+
+_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+
+
+def _square(side: int) -> Mask:
+    return np.ones((side, side), np.uint8)
+
+
+def dilate(mask: Mask, side: int) -> Mask:
+    """Dilation by a square of that side."""
+    return np.asarray(cv2.dilate(mask, _square(side)), dtype=np.uint8)
+
+
+def grow(
+    error: Plane, seen: Plane, age: Plane, warped: Plane, distractor: Mask, count: int
+) -> tuple[Mask, Mask]:
+    """Where the object has grown and where something else has arrived.
+
+    Only pixels that matched the background a moment ago count: this excludes ghosts and lifted shadows.
+
+    Returns
+    -------
+    grown : 1 where the object has grown, 2 on a distractor
+    distractor : its pixels, remembered for the next frame
+    """
+    new = ((error >= 7.2) & (seen >= 2.0) & (age <= 4.0)).view(np.uint8)
+    obj = (warped > 0).view(np.uint8)
+    grown = np.zeros_like(obj)
+    area = int(np.count_nonzero(obj))
+    new = np.asarray(cv2.medianBlur(new, 3), dtype=np.uint8)
+    if area == 0 or not new.any():
+        return grown, np.zeros_like(obj)
+    apart = new & (1 - obj)
+    other = _other_components(apart, dilate(obj, 9), max(8.0, 0.02 * area))
+    if distractor.any():
+        other |= new & dilate(distractor, 7) & (1 - obj)
+    calm = np.count_nonzero(new & (1 - dilate(obj, 9))) < 0.03 * new.size
+    if count > 2 and calm:
+        allowed = new & (1 - other)
+        region = obj
+        for _ in range(4):
+            region = dilate(region, 3) & (allowed | obj)
+        grown[(region & allowed) != 0] = 1
+    grown[other != 0] = 2
+    return grown, other
+
+
+def _other_components(apart: Mask, near: Mask, smallest: float) -> Mask:
+    """Components that don't touch `near` and are not tiny."""
+    n, labels, stats, _ = cv2.connectedComponentsWithStats(apart, connectivity=8)
+    keep = stats[:, cv2.CC_STAT_AREA] >= smallest
+    keep[0] = False
+    if n > 1:
+        keep[np.unique(labels[near != 0])] = False
+        keep[0] = False
+    return np.asarray(keep[labels], dtype=np.uint8)
+
+
+def component(odds: Plane, warped: Plane) -> Mask:
+    """The object's component of {odds > 0}: the one that overlaps most with where it was expected, and its parts."""
+    mask = (odds > 0).view(np.uint8)
+    before = warped > 0
+    area = int(np.count_nonzero(before))
+    if area > 800:
+        mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _square(3)), dtype=np.uint8)
+    elif area > 150:
+        mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _CROSS), dtype=np.uint8)
+    n, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    if n <= 2:
+        return mask
+    overlap = np.bincount(labels[before], minlength=n)
+    overlap[0] = 0
+    keep = (overlap > 0.03 * area) & (overlap > 0.5 * stats[:, cv2.CC_STAT_AREA])
+    keep[int(np.argmax(overlap))] = True
+    keep[0] = False
+    return np.asarray(keep[labels], dtype=np.uint8)
+
+
+def refine_edge(image: Image, background: Image, seen: Plane, mask: Mask, odds: Plane, noise: float) -> Mask:
+    """Cut mixed edge pixels that are mostly background; lowers `odds` there. Keeps the mask if too much would go."""
+    core = np.asarray(cv2.erode(mask, _square(5)), dtype=np.uint8)
+    if np.count_nonzero(core) < 9:
+        core = np.asarray(cv2.erode(mask, _square(3)), dtype=np.uint8)
+    wide = dilate(mask, 3)
+    band = wide & (1 - core)
+    outside = 1 - wide
+    changed = odds.copy()
+    alpha_edge(image, background, seen, _near(image, core), _near(image, outside), band, mask, noise, changed)
+    kept = mask & (changed > 0).view(np.uint8)
+    if np.count_nonzero(kept) <= 0.6 * np.count_nonzero(mask):
+        return mask
+    odds[:] = changed
+    return kept
+
+
+def _near(image: Image, where: Mask) -> Image:
+    """Box means, 7 × 7, of the colours at `where` and of `where` itself."""
+    planes = np.empty((*where.shape, image.shape[2] + 1), np.float32)
+    planes[:, :, -1] = where
+    np.multiply(image, planes[:, :, -1:], out=planes[:, :, :-1])
+    return np.asarray(cv2.blur(planes, (7, 7)), dtype=np.float32).reshape(planes.shape)
+
+
+def box_of(mask: Mask, odds: Plane, sub_pixel: bool) -> Box | None:
+    """Extremes of a mask, window px; with `sub_pixel` where the largest odds per row or column cross zero."""
+    x, y, w, h = cv2.boundingRect(mask)
+    if w == 0:
+        return None
+    if not sub_pixel:
+        return Box(float(x), float(y), float(w), float(h))
+    columns = odds[y : y + h, :].max(axis=0)
+    rows = odds[:, x : x + w].max(axis=1)
+    left, right = _crossing(columns, x, -1), _crossing(columns, x + w - 1, 1)
+    top, bottom = _crossing(rows, y, -1), _crossing(rows, y + h - 1, 1)
+    return Box.from_edges(left, top, right, bottom)
+
+
+def _crossing(values: NDArray[np.float32], last: int, step: int) -> float:
+    """Edge, px, where the profile crosses zero between the last pixel inside and the next one."""
+    edge = last + 0.5 + 0.5 * step
+    beyond = last + step
+    if not 0 <= beyond < len(values):
+        return edge
+    inner, outer = float(values[last]), float(values[beyond])
+    if inner <= 0 or outer >= 0:
+        return edge
+    # equal odds on both sides put the edge where the pixels meet
+    return edge + step * (inner / (inner - outer) - 0.5)

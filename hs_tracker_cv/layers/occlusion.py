@@ -1,0 +1,117 @@
+"""Is something in front of the object? Its visible share, its stalled sides, and where it comes out again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import Box
+from .kernels import search_shift
+from .mask import Mask
+from .state import Image, LayersParams, Occlusion, Plane
+
+__all__ = ["find_again", "judge", "remembered_speed", "visible_share"]
+
+_HISTORY = 12
+_SPAN = 4  # frames over which a side must have moved
+_UNCONFIRMED = 12  # frames after which a suspicion is dropped
+
+
+def visible_share(mask: Mask, shape: Plane, inside: NDArray[np.int64]) -> tuple[float, float]:
+    """Visible share of the remembered shape, and the share of the shape that lies in the frame.
+
+    An area that has only changed its form counts as visible: deformation roughly conserves area.
+    """
+    x0, y0, x1, y1 = (int(v) for v in inside)
+    whole = shape > 0.5
+    total = int(np.count_nonzero(whole))
+    part = whole[y0:y1, x0:x1]
+    area = int(np.count_nonzero(part))
+    if total == 0 or area == 0:
+        return 0.0, 0.0
+    seen = mask[y0:y1, x0:x1]
+    ratio = np.count_nonzero(part & (seen != 0)) / area
+    if ratio > 0.3:
+        ratio = max(ratio, min(1.0, np.count_nonzero(seen) / area))
+    return float(ratio), area / total
+
+
+def judge(
+    memory: Occlusion,
+    box: Box | None,
+    velocity: tuple[float, float],
+    camera: tuple[float, float],
+    share: float,
+    usable: bool,
+    params: LayersParams,
+) -> Occlusion:
+    """Suspect, confirm or end an occlusion after a frame in which `share` of the shape was visible.
+
+    Parameters
+    ----------
+    memory : Occlusion
+    box : Box or None
+        Of the visible mask, lattice px.
+    velocity, camera : tuple of float
+        Lattice px per frame.
+    share : float
+    usable : bool
+        False when the segmentation is too poor to conclude from it.
+    params : LayersParams
+    """
+    drift = (memory.drift[0] + camera[0], memory.drift[1] + camera[1])
+    memory = replace(memory, drift=drift)
+    if not usable:
+        return replace(memory, suspected=0, occluded=False, coasting=0, sides=(), duration=0)
+    if box is not None:
+        x, y = box.x - drift[0], box.y - drift[1]
+        memory = replace(memory, sides=(*memory.sides, (x, y, x + box.w, y + box.h))[-_SPAN - 1 :])
+    if not memory.occluded:
+        speed = (velocity[0] - camera[0], velocity[1] - camera[1])
+        memory = replace(memory, speeds=(*memory.speeds, speed)[-_HISTORY:])
+    suspected = memory.suspected
+    if suspected:
+        suspected = 0 if share >= 0.95 else suspected + 1
+    elif (share < 0.95 and _stalled(memory)) or share < 0.5:
+        suspected = 1
+    occluded = suspected > 0 and (memory.occluded or share < params.occlusion_ratio)
+    duration = memory.duration + 1 if occluded else 0
+    if (suspected > _UNCONFIRMED and not occluded) or (duration > params.max_coast and share > 0.3):
+        suspected, occluded, duration = 0, False, 0
+    return replace(memory, suspected=suspected, occluded=occluded, duration=duration)
+
+
+def _stalled(memory: Occlusion) -> bool:
+    """A side towards which the object should have moved has not."""
+    if len(memory.sides) <= _SPAN or len(memory.speeds) < _SPAN:
+        return False
+    new, old = memory.sides[-1], memory.sides[0]
+    for axis in (0, 1):
+        expected = sum(speed[axis] for speed in memory.speeds[-_SPAN:])
+        side = axis + 2 if expected > 0 else axis
+        if abs(expected) > 2.0 and (new[side] - old[side]) * np.sign(expected) < 0.3 * abs(expected):
+            return True
+    return False
+
+
+def remembered_speed(memory: Occlusion) -> tuple[float, float]:
+    """Velocity relative to the background before the occlusion began to falsify it."""
+    speeds = memory.speeds[:-3] or memory.speeds
+    if not speeds:
+        return 0.0, 0.0
+    vx, vy = np.median(np.array(speeds[-6:]), axis=0)
+    return float(vx), float(vy)
+
+
+def find_again(
+    image: Image, obj: Image, shape: Plane, different: Mask, reach: int, noise: float, inside: NDArray[np.int64]
+) -> tuple[int, int]:
+    """Translation at which the remembered object fits what is not background; (0, 0) if none fits clearly better."""
+    step = 1 if reach <= 10 else 2
+    arguments = (image, obj, shape, different)
+    score, still, dx, dy = search_shift(*arguments, np.array((0, 0)), reach, step, inside, noise)
+    if step > 1:
+        score, _, dx, dy = search_shift(*arguments, np.array((dx, dy)), 1, 1, inside, noise)
+    return (int(dx), int(dy)) if score > 1.1 * still + 0.04 and score > 0.12 else (0, 0)

@@ -1,0 +1,248 @@
+"""What the two-layer model remembers between frames, and what it says after each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import Box
+
+__all__ = ["Atlas", "Image", "LayersParams", "LayersReport", "LayersState", "Occlusion", "Plane"]
+
+Plane = NDArray[np.float32]
+"""One value per window pixel, (h, w)."""
+Image = NDArray[np.float32]
+"""C values per window pixel, (h, w, C), 0–255."""
+
+
+@dataclass(frozen=True)
+class LayersParams:
+    """Parameters of the two-layer model. Lengths are lattice pixels (frame px / step), intensities 0–255.
+
+    Parameters
+    ----------
+    working_size : int
+        Longest side of the object on the working lattice, px; a larger object is averaged down.
+    margin : float
+        Window round the object, as a share of its longest side (at least 10 px).
+    smoothness : float
+        λ of the Horn–Schunck flow.
+    warps : int
+        Warps per pyramid level of the flow.
+    colour_weight : float
+        Weight of the colour histograms' log-ratio in the labelling; 0 switches it off.
+    occlusion_ratio : float
+        Visible share of the object's shape below which a suspected occlusion is confirmed, 0–1.
+    max_coast : int
+        Frames an unseen object is waited for before it is given up.
+    """
+
+    working_size: int = 100
+    margin: float = 0.35
+    smoothness: float = 8.0
+    warps: int = 2
+    colour_weight: float = 0.7
+    occlusion_ratio: float = 0.82
+    max_coast: int = 70
+
+    def __post_init__(self) -> None:
+        if self.working_size < 16:
+            raise ValueError(f"expected working_size >= 16, got {self.working_size}")
+        if not self.margin > 0:
+            raise ValueError(f"expected margin > 0, got {self.margin}")
+        if not self.smoothness > 0:
+            raise ValueError(f"expected smoothness > 0, got {self.smoothness}")
+        if self.warps < 1:
+            raise ValueError(f"expected warps >= 1, got {self.warps}")
+        if not self.colour_weight >= 0:
+            raise ValueError(f"expected colour_weight >= 0, got {self.colour_weight}")
+        if not 0 < self.occlusion_ratio < 1:
+            raise ValueError(f"expected occlusion_ratio between 0 and 1, got {self.occlusion_ratio}")
+        if self.max_coast < 1:
+            raise ValueError(f"expected max_coast >= 1, got {self.max_coast}")
+
+
+@dataclass(frozen=True)
+class LayersReport:
+    """What one frame gave.
+
+    Parameters
+    ----------
+    box : Box
+        The object's box, frame px, sub-pixel; amodal while occluded.
+    ok : bool
+        The object is located in this frame.
+    score : float
+        Belief in the box, 0–1.
+    occluded, lost : bool
+        Something is in front of the object; nothing of it is seen.
+    unexplained : float
+        f: share of the known background outside the mask whose noise-normalised error exceeds 5.
+    mismatch : float
+        m: mean |I − background| there, gray levels.
+    stray : float
+        c: median |flow − camera| outside, over the motion contrast (at least 0.1).
+    n_known : int
+        Pixels these rest on.
+    mask : ndarray, shape (h, w), uint8
+        Object pixels of the window.
+    origin : tuple of int
+        Top-left of the window, frame px.
+    step : int
+        Frame px per window pixel.
+    previous, current : ndarray, shape (h, w), float32
+        Gray windows the flow was computed on.
+    flow : ndarray, shape (h, w, 2), float32
+        Window px per frame.
+    camera : tuple of float
+        Camera translation, frame px per frame.
+    """
+
+    box: Box
+    ok: bool
+    score: float
+    occluded: bool
+    lost: bool
+    unexplained: float
+    mismatch: float
+    stray: float
+    n_known: int
+    mask: NDArray[np.uint8]
+    origin: tuple[int, int]
+    step: int
+    previous: Plane
+    current: Plane
+    flow: NDArray[np.float32]
+    camera: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """The background, on a lattice of its own that the camera moves over.
+
+    Parameters
+    ----------
+    planes : ndarray, shape (h, w, C + 3), float32
+        Background image; number of samples (−1 no data, 0 not yet seen uncovered); frames of mismatch; frames
+        since the pixel last matched uncovered.
+    offset : tuple of float
+        Background pixel (i, j) is seen at window pixel (i, j) + offset; each in [−½, ½].
+    """
+
+    planes: NDArray[np.float32]
+    offset: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Occlusion:
+    """Memory of the occlusion logic.
+
+    Parameters
+    ----------
+    suspected : int
+        Frames since something seemed to cover the object; 0 is not suspected.
+    occluded : bool
+        Confirmed.
+    coasting : int
+        Frames in which nothing of the object was seen.
+    sides : tuple of (left, top, right, bottom)
+        Last boxes relative to the background, lattice px, newest last.
+    speeds : tuple of (vx, vy)
+        Last velocities relative to the background, newest last.
+    duration : int
+        Frames since the occlusion was confirmed.
+    drift : tuple of float
+        Camera translation summed since the start, lattice px: what `sides` are relative to.
+    """
+
+    suspected: int = 0
+    occluded: bool = False
+    coasting: int = 0
+    sides: tuple[tuple[float, float, float, float], ...] = ()
+    speeds: tuple[tuple[float, float], ...] = ()
+    duration: int = 0
+    drift: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class LayersState:
+    """Everything carried to the next frame; never changed in place. All windows are those of the *next* frame.
+
+    Parameters
+    ----------
+    report : LayersReport
+        Of the frame just seen.
+    count : int
+        Frames seen since the start.
+    step : int
+        Frame px per lattice pixel.
+    origin : tuple of int
+        Top-left of the window, lattice px.
+    box : tuple of float
+        x, y, w, h of the object, lattice px.
+    velocity : tuple of float
+        Object, lattice px per frame.
+    linear : tuple of float
+        Linear part (u_x, u_y, v_x, v_y) of its motion, per frame.
+    camera : tuple of float
+        Last camera translation, lattice px.
+    previous : ndarray, shape (h, w, C)
+        The frame just seen.
+    odds, shape : ndarray, shape (h, w)
+        Log-odds of "object"; slow memory of its shape, 0–1.
+    obj : ndarray, shape (h, w, C)
+        Object layer.
+    distractor : ndarray, shape (h, w), uint8
+        What moves but is not the object.
+    visible : ndarray, shape (h, w), uint8
+        Object pixels seen in the last frame.
+    atlas : Atlas
+        Background layer.
+    colours : ndarray, shape (2, bins)
+        Histograms of object and background.
+    noise : float
+        σ, gray levels.
+    contrast : float
+        Motion contrast between object and camera, 0–1.
+    match_cost : float
+        Running mean residual of the predicted motion, gray levels.
+    reliability : float
+        ρ, 0–1: how far the segmentation can be trusted to decide the box.
+    occlusion : Occlusion
+    """
+
+    report: LayersReport
+    count: int
+    step: int
+    origin: tuple[int, int]
+    box: tuple[float, float, float, float]
+    velocity: tuple[float, float]
+    linear: tuple[float, float, float, float]
+    camera: tuple[float, float]
+    previous: Image
+    odds: Plane
+    shape: Plane
+    obj: Image
+    distractor: NDArray[np.uint8]
+    visible: NDArray[np.uint8]
+    atlas: Atlas
+    colours: NDArray[np.float32]
+    noise: float = 2.5
+    contrast: float = 0.0
+    match_cost: float = 0.0
+    reliability: float = 1.0
+    occlusion: Occlusion = field(default_factory=Occlusion)
+
+    def window(self) -> tuple[int, int]:
+        """Height and width of the window, lattice px."""
+        h, w = self.odds.shape
+        return int(h), int(w)
+
+    def replace(self, **changes: Any) -> LayersState:
+        """Return a copy with some fields changed."""
+        from dataclasses import replace
+
+        return replace(self, **changes)
