@@ -1,0 +1,216 @@
+"""The subcommands of ``python -m eval``: they parse, print and exit; the work is done elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from .results import COMPLETED, Folder, Run, SpeedRun
+from .runner import Limits, make_jobs, measure_speed, run_jobs
+from .sequences import Sequence, SequenceError, load_dataset, load_suite
+from .tables import console_table, failure_table, overall_table, sequence_table, summarise_folder, write_tables
+from .trackers import DEFAULT_TRACKERS, TrackerSpec, find_tracker
+
+__all__ = ["report", "run", "speed"]
+
+# A table that is written to a file or a pipe is not squeezed into 80 columns.
+_console = Console(width=None if sys.stdout.isatty() else 200)
+
+_Out = Annotated[Path, tyro.conf.arg(help="folder of all results; each suite or data set has one of its own in it")]
+
+
+def run(
+    *,
+    suite: str | None = None,
+    dataset: str | None = None,
+    trackers: tuple[str, ...] = DEFAULT_TRACKERS,
+    sequences: tuple[str, ...] = (),
+    jobs: int = 2,
+    timeout: float = 300.0,
+    memory: float = 2048.0,
+    starts: int = 0,
+    frames: int | None = None,
+    retry_failed: bool = False,
+    out: _Out = Path("results"),
+) -> None:
+    """Run trackers over a suite or data set and store what they answer. What has been run is not run again.
+
+    Parameters
+    ----------
+    suite
+        Synthetic suite; "standard" when no data set is given.
+    dataset
+        otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.
+    trackers
+        Names, or pkg.module:factory.
+    sequences
+        Only these.
+    jobs
+        Processes at a time.
+    timeout
+        Seconds for one tracker on one sequence.
+    memory
+        Megabytes for one tracker.
+    starts
+        Besides the exact start box, so many perturbed by up to ±10 %.
+    frames
+        Only the first so many of each sequence.
+    retry_failed
+        Run those again that failed before.
+    out
+        Folder of the results.
+    """
+    specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
+    source, found = _load(suite, dataset, sequences, frames)
+    folder = Folder(out / _folder_name(suite, dataset))
+    folder.write_manifest(source, found)
+    _run_with_progress(specs, found, folder, jobs, Limits(timeout, memory), starts, retry_failed)
+    _print_summary(folder, [spec.name for spec in specs])
+
+
+def speed(
+    *,
+    suite: str | None = None,
+    dataset: str | None = None,
+    trackers: tuple[str, ...] = DEFAULT_TRACKERS,
+    sequences: tuple[str, ...] = (),
+    frames: int = 40,
+    timeout: float = 60.0,
+    out: _Out = Path("results"),
+) -> None:
+    """Time single updates: one thread, warm, trackers by turns on the same frames. Leave the machine alone.
+
+    Parameters
+    ----------
+    suite
+        Synthetic suite; "standard" when no data set is given.
+    dataset
+        otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.
+    trackers
+        Names, or pkg.module:factory.
+    sequences
+        Only these.
+    frames
+        Timed updates per sequence and tracker, after five to warm up.
+    timeout
+        Seconds for one update.
+    out
+        Folder of the results.
+    """
+    specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
+    source, found = _load(suite, dataset, sequences, None)
+    folder = Folder(out / _folder_name(suite, dataset))
+    folder.write_manifest(source, found)
+    with _progress() as progress:
+        task = progress.add_task(f"timing {len(specs)} trackers", total=len(found))
+
+        def done(measured: SpeedRun, reused: bool) -> None:
+            progress.advance(task)
+            for tracker, status in measured.status.items():
+                if status != COMPLETED:
+                    progress.console.print(f"[yellow]{tracker} on {measured.sequence}: {status}")
+
+        measure_speed(specs, found, folder, frames=frames, limits=Limits(timeout), report=done)
+
+
+def report(
+    *,
+    out: _Out = Path("results"),
+    only: str | None = None,
+    chosen: str = "TrackerHS",
+    trackers: tuple[str, ...] | None = None,
+) -> None:
+    """Turn stored results into tables, plots and a one-file HTML report. Runs no tracker.
+
+    Parameters
+    ----------
+    out
+        Folder of the results.
+    only
+        One suite or data set of them, by the name of its folder.
+    chosen
+        Tracker that is compared with the others.
+    trackers
+        Only these.
+    """
+    folders = [out / only] if only else sorted(path.parent for path in out.glob("*/run.json"))
+    if not folders:
+        raise SequenceError(f"no results in {out}: run `python -m eval run` first")
+    for path in folders:
+        folder = Folder(path)
+        summary = summarise_folder(folder, chosen=chosen, trackers=None if trackers is None else list(trackers))
+        write_tables(summary, path / "tables")
+        _console.print(console_table(overall_table(summary), summary.source, bold=chosen))
+
+
+def _load(
+    suite: str | None, dataset: str | None, only: tuple[str, ...], frames: int | None
+) -> tuple[str, list[Sequence]]:
+    if suite and dataset:
+        raise SequenceError("expected --suite or --dataset, got both")
+    source = dataset or f"suite:{suite or 'standard'}"
+    with _console.status(f"reading {source}"):
+        found = load_dataset(dataset) if dataset else load_suite(suite or "standard")
+    unknown = set(only) - {sequence.name for sequence in found}
+    if unknown:
+        names = ", ".join(sequence.name for sequence in found)
+        raise SequenceError(f"unknown sequence {', '.join(sorted(unknown))} in {source}; known: {names}")
+    return source, [sequence.cut(frames) for sequence in found if not only or sequence.name in only]
+
+
+def _folder_name(suite: str | None, dataset: str | None) -> str:
+    if dataset is None:
+        return suite or "standard"
+    kind, _, where = dataset.partition(":")
+    return f"{kind}-{Path(where.rpartition('+')[0] or where).expanduser().resolve().stem}"
+
+
+def _progress() -> Progress:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    return Progress(*columns, console=_console)
+
+
+def _run_with_progress(
+    specs: list[TrackerSpec],
+    sequences: list[Sequence],
+    folder: Folder,
+    workers: int,
+    limits: Limits,
+    starts: int,
+    retry_failed: bool,
+) -> None:
+    jobs = make_jobs(specs, sequences, starts=starts)
+    lock = threading.Lock()
+    with _progress() as progress:
+        task = progress.add_task(f"{len(specs)} trackers × {len(sequences)} sequences", total=len(jobs))
+
+        def done(finished: Run, reused: bool, note: str) -> None:
+            with lock:
+                progress.advance(task)
+                if note:
+                    progress.console.print(f"[yellow]{note}")
+                if finished.status != COMPLETED and not reused:
+                    progress.console.print(f"[yellow]{finished.tracker} on {finished.sequence}: {finished.status}")
+
+        run_jobs(jobs, folder, workers=workers, limits=limits, retry_failed=retry_failed, report=done)
+
+
+def _print_summary(folder: Folder, trackers: list[str]) -> None:
+    summary = summarise_folder(folder, trackers=trackers)
+    _console.print(console_table(sequence_table(summary), f"mean IoU per sequence of {summary.source}"))
+    failures = failure_table(summary)
+    if len(failures):
+        _console.print(console_table(failures, "runs that did not go through"))
+    _console.print(console_table(overall_table(summary), summary.source, bold=summary.chosen))

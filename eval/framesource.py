@@ -1,0 +1,79 @@
+"""Frames from where they lie, one at a time; the place is plain data, so that it can cross to another process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import islice
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FrameSource", "FrameSourceError"]
+
+
+class FrameSourceError(ValueError):
+    """A frame that should be there cannot be read."""
+
+
+@dataclass(frozen=True)
+class FrameSource:
+    """Where the frames of a sequence are.
+
+    Parameters
+    ----------
+    paths : tuple of str
+        One image file per frame; or a single ``.npy`` file of shape (T, H, W) or (T, H, W, C); or a single video.
+    kind : {"images", "array", "video"}
+        Which of the three.
+    count : int
+        Number of frames to give.
+    """
+
+    paths: tuple[str, ...]
+    kind: str
+    count: int
+
+    def __iter__(self) -> Iterator[NDArray[Any]]:
+        """Frames (H, W) or (H, W, C) in order, each an array of its own.
+
+        Raises
+        ------
+        FrameSourceError
+            At the first frame that cannot be read.
+        """
+        reader = {"images": self._images, "array": self._array, "video": self._video}[self.kind]
+        return islice(reader(), self.count)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data from which :meth:`from_json` makes an equal source."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> FrameSource:
+        """Make the source that :meth:`to_json` described."""
+        return cls(tuple(data["paths"]), data["kind"], data["count"])
+
+    def _images(self) -> Iterator[NDArray[Any]]:
+        for path in self.paths:
+            image = cv2.imread(path, cv2.IMREAD_COLOR)
+            if image is None:
+                raise FrameSourceError(f"cannot read the frame {path}")
+            yield image
+
+    def _array(self) -> Iterator[NDArray[Any]]:
+        for frame in np.load(self.paths[0], mmap_mode="r"):
+            yield np.array(frame)
+
+    def _video(self) -> Iterator[NDArray[Any]]:
+        capture = cv2.VideoCapture(self.paths[0])
+        try:
+            for index in range(self.count):
+                read, frame = capture.read()
+                if not read:
+                    raise FrameSourceError(f"{self.paths[0]} ends at frame {index}, expected {self.count}")
+                yield frame
+        finally:
+            capture.release()

@@ -1,0 +1,318 @@
+"""Result files: the only place that reads and writes them.
+
+A folder of results, one per suite or data set::
+
+    run.json                          the sequences of the last run, in order, and where they came from
+    sequences/NAME.json               truth: a report needs nothing but this folder
+    tracks/TRACKER/NAME.s0r0.json     one run: start box 0 (the exact one), repeat 0
+    speed/NAME.json                   the timing pass on one sequence, all trackers
+
+Each run carries a key, the hash of tracker, parameters, code, sequence, start and repeat. A file whose key is not the
+expected one is stale and is written anew.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import re
+import subprocess
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .framesource import FrameSource
+from .sequences import Sequence
+
+__all__ = ["COMPLETED", "Folder", "ResultsError", "Run", "SpeedRun", "Trajectory", "provenance"]
+
+COMPLETED = "completed"
+"""Status of a run that went through all frames."""
+
+
+class ResultsError(Exception):
+    """A result file that cannot be read or written; the message says which, why and what to do."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """What a tracker answered.
+
+    Parameters
+    ----------
+    ok : ndarray of bool, shape (T,)
+    boxes : ndarray, shape (T, 4)
+        x, y, w, h, px; frame 0 holds the start box, frames without an answer NaN.
+    score : ndarray, shape (T,)
+        ``getTrackingScore()``; NaN where there is none.
+    """
+
+    ok: NDArray[np.bool_]
+    boxes: NDArray[np.float64]
+    score: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One tracker on one sequence from one start box.
+
+    Parameters
+    ----------
+    key : str
+        Hash of all that the trajectory depends on.
+    tracker, sequence : str
+        Names.
+    start, repeat : int
+        Start box (0 is the exact one) and number of the repetition.
+    status : str
+        :data:`COMPLETED`, or why it did not go through.
+    trajectory : Trajectory
+    provenance : mapping
+        Code version, parameters, machine, versions, time.
+    """
+
+    key: str
+    tracker: str
+    sequence: str
+    start: int
+    repeat: int
+    status: str
+    trajectory: Trajectory
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SpeedRun:
+    """Times of all trackers on one sequence, interleaved frame by frame.
+
+    Parameters
+    ----------
+    key : str
+    sequence : str
+    milliseconds : mapping of str to list of float
+        Per tracker, the time of each timed update.
+    status : mapping of str to str
+    provenance : mapping
+    """
+
+    key: str
+    sequence: str
+    milliseconds: Mapping[str, list[float]]
+    status: Mapping[str, str]
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+def provenance() -> dict[str, Any]:
+    """Where and with what: commit, versions, machine, load, time (UTC)."""
+    return {
+        "commit": _commit(),
+        "python": platform.python_version(),
+        "opencv": str(cv2.__version__),
+        "numpy": np.__version__,
+        "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.machine()}",
+        "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
+        "time": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+    }
+
+
+def _commit() -> str:
+    def git(*arguments: str) -> str:
+        root = Path(__file__).parent
+        return subprocess.run(
+            ["git", *arguments], cwd=root, capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    try:
+        dirty = git("status", "--porcelain", "--untracked-files=no")
+        return git("rev-parse", "--short=12", "HEAD") + ("+changes" if dirty else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def _processor() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return platform.processor() or "unknown processor"
+    found = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    return found.group(1).strip() if found else platform.processor() or "unknown processor"
+
+
+def _slug(name: str) -> str:
+    return re.sub(r"[^\w.+-]", "_", name)
+
+
+class Folder:
+    """The results of one suite or data set.
+
+    Parameters
+    ----------
+    path : Path
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def write_manifest(self, source: str, sequences: list[Sequence]) -> None:
+        """Say which sequences the last run was about, and store their truth."""
+        for sequence in sequences:
+            self._write(self.path / "sequences" / f"{_slug(sequence.name)}.json", _sequence_to_json(sequence))
+        names = [sequence.name for sequence in sequences]
+        self._write(self.path / "run.json", {"source": source, "sequences": names, "provenance": provenance()})
+
+    def read_manifest(self) -> dict[str, Any]:
+        """Return source, sequence names and provenance of the last run."""
+        path = self.path / "run.json"
+        if not path.exists():
+            raise ResultsError(f"no results in {self.path}: run `python -m eval run` first")
+        return self._read(path)
+
+    def read_sequences(self) -> list[Sequence]:
+        """Sequences of the last run, with their truth; the frames may be gone by now."""
+        return [self._read_sequence(name) for name in self.read_manifest()["sequences"]]
+
+    def _read_sequence(self, name: str) -> Sequence:
+        path = self.path / "sequences" / f"{_slug(name)}.json"
+        data = self._read(path)
+        try:
+            return _sequence_from_json(data)
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._corrupt(path, error) from error
+
+    def run_path(self, tracker: str, sequence: str, start: int, repeat: int) -> Path:
+        """File of one run."""
+        return self.path / "tracks" / _slug(tracker) / f"{_slug(sequence)}.s{start}r{repeat}.json"
+
+    def write_run(self, run: Run) -> None:
+        """Store one run; whole or not at all."""
+        self._write(self.run_path(run.tracker, run.sequence, run.start, run.repeat), _run_to_json(run))
+
+    def read_run(self, path: Path) -> Run:
+        """Read one run.
+
+        Raises
+        ------
+        ResultsError
+            If the file is not a whole result.
+        """
+        data = self._read(path)
+        try:
+            return _run_from_json(data)
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._corrupt(path, error) from error
+
+    def read_runs(self) -> list[Run]:
+        """Every stored run of the sequences of the last run, by tracker and sequence."""
+        wanted = {_slug(name) for name in self.read_manifest()["sequences"]}
+        paths = sorted((self.path / "tracks").glob("*/*.json"))
+        return [self.read_run(path) for path in paths if path.name.rsplit(".", 2)[0] in wanted]
+
+    def speed_path(self, sequence: str) -> Path:
+        """File of the timing pass on one sequence."""
+        return self.path / "speed" / f"{_slug(sequence)}.json"
+
+    def write_speed(self, run: SpeedRun) -> None:
+        """Store the timing pass on one sequence."""
+        self._write(self.speed_path(run.sequence), vars(run))
+
+    def read_speed(self, path: Path) -> SpeedRun:
+        """Read the timing pass on one sequence."""
+        data = self._read(path)
+        try:
+            return SpeedRun(**data)
+        except TypeError as error:
+            raise self._corrupt(path, error) from error
+
+    def read_speeds(self) -> list[SpeedRun]:
+        """Timing passes on the sequences of the last run; empty when speed was not measured."""
+        paths = [self.speed_path(name) for name in self.read_manifest()["sequences"]]
+        return [self.read_speed(path) for path in paths if path.exists()]
+
+    def _write(self, path: Path, data: Mapping[str, Any]) -> None:
+        scratch = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            scratch.write_text(json.dumps(data, separators=(",", ":")), encoding="utf-8")
+            scratch.replace(path)
+        except OSError as error:
+            scratch.unlink(missing_ok=True)
+            raise ResultsError(
+                f"cannot write {path}: {error.strerror or error}; what was written before is safe"
+            ) from error
+
+    def _read(self, path: Path) -> dict[str, Any]:
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ResultsError(f"cannot read {path}: {error.strerror or error}") from error
+        except ValueError as error:
+            raise self._corrupt(path, error) from error
+        if not isinstance(data, dict):
+            raise self._corrupt(path, "not an object")
+        return data
+
+    @staticmethod
+    def _corrupt(path: Path, reason: object) -> ResultsError:
+        return ResultsError(f"{path} is damaged ({reason}): delete it and run again, the other results are kept")
+
+
+def _numbers(values: NDArray[np.float64]) -> list[float | None]:
+    return [None if not math.isfinite(value) else round(float(value), 6) for value in values]
+
+
+def _array(values: list[float | None]) -> NDArray[np.float64]:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def _run_to_json(run: Run) -> dict[str, Any]:
+    trajectory = run.trajectory
+    return {
+        **{name: getattr(run, name) for name in ("key", "tracker", "sequence", "start", "repeat", "status")},
+        "provenance": dict(run.provenance),
+        "ok": trajectory.ok.astype(int).tolist(),
+        "boxes": [_numbers(box) for box in trajectory.boxes],
+        "score": _numbers(trajectory.score),
+    }
+
+
+def _run_from_json(data: dict[str, Any]) -> Run:
+    ok = np.array(data["ok"], dtype=bool)
+    boxes = np.array([_array(box) for box in data["boxes"]]).reshape(-1, 4)
+    score = _array(data["score"])
+    if not len(ok) == len(boxes) == len(score) > 0:
+        raise ValueError(f"{len(ok)} flags, {len(boxes)} boxes and {len(score)} scores")
+    trajectory = Trajectory(ok, boxes, score)
+    names = ("key", "tracker", "sequence", "start", "repeat", "status", "provenance")
+    return Run(trajectory=trajectory, **{name: data[name] for name in names})
+
+
+def _sequence_to_json(sequence: Sequence) -> dict[str, Any]:
+    return {
+        "name": sequence.name,
+        "frames": sequence.frames.to_json(),
+        "boxes": [[None if math.isnan(value) else float(value) for value in box] for box in sequence.boxes],
+        "visibility": sequence.visibility.tolist(),
+        "attributes": list(sequence.attributes),
+        "size": list(sequence.size),
+        "digest": sequence.digest,
+    }
+
+
+def _sequence_from_json(data: dict[str, Any]) -> Sequence:
+    return Sequence(
+        name=data["name"],
+        frames=FrameSource.from_json(data["frames"]),
+        boxes=np.array([_array(box) for box in data["boxes"]]).reshape(-1, 4),
+        visibility=np.array(data["visibility"], dtype=np.float64),
+        attributes=tuple(data["attributes"]),
+        size=(data["size"][0], data["size"][1]),
+        digest=data["digest"],
+    )

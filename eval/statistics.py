@@ -1,0 +1,185 @@
+"""From runs to numbers: scores per run, means per sequence and attribute, bootstrap intervals, paired differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from .metrics import METRICS, frame_scores, summarise
+from .results import COMPLETED, Run, SpeedRun
+from .sequences import Sequence
+
+__all__ = [
+    "bootstrap_interval",
+    "differences",
+    "overall",
+    "per_attribute",
+    "per_sequence",
+    "score_runs",
+    "speed_table",
+]
+
+_RESAMPLES = 5000
+_SEED = 20240501
+COVERAGE = 0.95
+"""Of every interval given."""
+
+
+def score_runs(runs: Iterable[Run], sequences: Iterable[Sequence]) -> pd.DataFrame:
+    """Score each run against the truth of its sequence.
+
+    Returns
+    -------
+    DataFrame
+        One row per run: tracker, sequence, start, repeat, status, the metrics, `visible` and `invisible`.
+        Runs of another length than their sequence, which an older version of it left behind, are not in it.
+    """
+    known = {sequence.name: sequence for sequence in sequences}
+    rows = []
+    for run in runs:
+        sequence = known[run.sequence]
+        if len(run.trajectory.ok) != len(sequence):
+            continue
+        trajectory = run.trajectory
+        scores = frame_scores(sequence.boxes, sequence.visibility, trajectory.boxes, trajectory.ok, sequence.size)
+        about = {name: getattr(run, name) for name in ("tracker", "sequence", "start", "repeat", "status")}
+        rows.append({**about, **summarise(scores)})
+    columns = ["tracker", "sequence", "start", "repeat", "status", *METRICS, "visible", "invisible"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def per_sequence(scores: pd.DataFrame) -> pd.DataFrame:
+    """Mean over the repeats of each (tracker, sequence), and over its perturbed starts as `perturbed_iou`.
+
+    Returns
+    -------
+    DataFrame
+        One row per pair: tracker, sequence, the metrics from the exact start, `perturbed_iou`, `failed` runs,
+        `visible`, `invisible`.
+    """
+    pair = ["tracker", "sequence"]
+    numbers = [*METRICS, "visible", "invisible"]
+    exact = scores[scores["start"] == 0].groupby(pair, sort=False)[numbers].mean()
+    perturbed = scores[scores["start"] > 0].groupby(pair, sort=False)["mean_iou"].mean()
+    failed = (scores["status"] != COMPLETED).groupby([scores[name] for name in pair], sort=False).sum()
+    return exact.assign(perturbed_iou=perturbed, failed=failed).reset_index()
+
+
+def _weighted_mean(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    known = np.isfinite(values) & (weights > 0)
+    return float(np.average(values[known], weights=weights[known])) if known.any() else float("nan")
+
+
+def _weights(rows: pd.DataFrame, metric: str) -> NDArray[np.float64]:
+    column = METRICS[metric].weight if metric in METRICS else ""
+    return rows[column].to_numpy(float) if column else np.ones(len(rows))
+
+
+def overall(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Means over sequences, one row per tracker, the best mean IoU first.
+
+    Each sequence counts once, except that rates of `ok` count each frame once. `low` and `high` bound the mean IoU.
+    """
+    rows = []
+    for tracker, group in pairs.groupby("tracker", sort=False):
+        row: dict[str, object] = {"tracker": tracker, "sequences": len(group), "failed": int(group["failed"].sum())}
+        for metric in (*METRICS, "perturbed_iou"):
+            row[metric] = _weighted_mean(group[metric].to_numpy(float), _weights(group, metric))
+        row["low"], row["high"] = bootstrap_interval(group["mean_iou"].to_numpy(float))
+        rows.append(row)
+    columns = ["tracker", "sequences", "failed", *METRICS, "perturbed_iou", "low", "high"]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.sort_values("mean_iou", ascending=False, kind="stable", ignore_index=True)
+
+
+def bootstrap_interval(
+    values: NDArray[np.float64], statistic: Callable[..., NDArray[np.float64]] = np.mean
+) -> tuple[float, float]:
+    """Percentile interval of a statistic of independent values (one per sequence), by resampling with a fixed seed.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        NaN are left out.
+    statistic : callable, optional
+        Takes an array and ``axis=1``.
+
+    Returns
+    -------
+    (float, float)
+        Bounds that hold :data:`COVERAGE` of the resampled statistics; NaN for fewer than two values.
+    """
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    if known.size < 2:
+        return float("nan"), float("nan")
+    chosen = np.random.default_rng(_SEED).integers(0, known.size, (_RESAMPLES, known.size))
+    tail = 50.0 * (1.0 - COVERAGE)
+    low, high = np.percentile(statistic(known[chosen], axis=1), [tail, 100.0 - tail])
+    return float(low), float(high)
+
+
+def differences(pairs: pd.DataFrame, tracker: str, metric: str = "mean_iou") -> pd.DataFrame:
+    """Compare one tracker with each other one on the sequences that both have run.
+
+    Returns
+    -------
+    DataFrame
+        One row per other tracker: mean difference (positive: `tracker` is better by that), its interval `low` to
+        `high`, sequences won (by more than 0.02), lost and even, and the worst loss with its sequence.
+    """
+    wide = pairs.pivot(index="sequence", columns="tracker", values=metric)
+    rows = []
+    for other in wide.columns.drop(tracker, errors="ignore"):
+        gap = (wide[tracker] - wide[other]).dropna()
+        if gap.empty:
+            continue
+        low, high = bootstrap_interval(gap.to_numpy(float))
+        won, lost = int((gap > 0.02).sum()), int((gap < -0.02).sum())
+        worst = {"worst": float(gap.min()), "worst_sequence": str(gap.idxmin())}
+        counts = {"won": won, "lost": lost, "even": len(gap) - won - lost}
+        rows.append({"other": other, "difference": float(gap.mean()), "low": low, "high": high, **counts, **worst})
+    columns = ["other", "difference", "low", "high", "won", "lost", "even", "worst", "worst_sequence"]
+    return pd.DataFrame(rows, columns=columns).sort_values("difference", kind="stable", ignore_index=True)
+
+
+def per_attribute(pairs: pd.DataFrame, sequences: Iterable[Sequence], metric: str = "mean_iou") -> pd.DataFrame:
+    """Mean of a metric over the sequences that carry each attribute.
+
+    Returns
+    -------
+    DataFrame
+        One row per attribute, with the number of `sequences` and one column per tracker.
+    """
+    carried = pd.DataFrame(
+        [(sequence.name, attribute) for sequence in sequences for attribute in sequence.attributes],
+        columns=["sequence", "attribute"],
+    )
+    joined = carried.merge(pairs, on="sequence")
+    if joined.empty:
+        return pd.DataFrame(columns=["attribute", "sequences"])
+    wide = joined.pivot_table(index="attribute", columns="tracker", values=metric, sort=False)
+    wide = wide[[name for name in pairs["tracker"].unique() if name in wide.columns]]
+    wide.insert(0, "sequences", joined.groupby("attribute")["sequence"].nunique())
+    wide.columns.name = None
+    return wide.sort_values("sequences", ascending=False, kind="stable").reset_index()
+
+
+def speed_table(runs: Iterable[SpeedRun]) -> pd.DataFrame:
+    """Time of one update per (tracker, sequence): `median` and `p95`, ms, and the number of timed `updates`."""
+    rows = [
+        {
+            "tracker": tracker,
+            "sequence": run.sequence,
+            "median": float(np.median(times)),
+            "p95": float(np.percentile(times, 95)),
+            "updates": len(times),
+        }
+        for run in runs
+        for tracker, times in run.milliseconds.items()
+        if times
+    ]
+    return pd.DataFrame(rows, columns=["tracker", "sequence", "median", "p95", "updates"])

@@ -1,0 +1,251 @@
+"""Tables of the results: for the console, and as CSV, Markdown and LaTeX files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from .metrics import METRICS
+from .results import Folder, ResultsError
+from .sequences import Sequence
+from .statistics import differences, overall, per_attribute, per_sequence, score_runs, speed_table
+
+__all__ = ["Summary", "console_table", "format_cell", "overall_table", "summarise_folder", "write_tables"]
+
+SPEED_RIVAL = "CSRT"
+"""Whose time per update the others are compared with."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Everything a report says in numbers.
+
+    Parameters
+    ----------
+    source : str
+        The suite or data set.
+    sequences : list of Sequence
+    scores, pairs, overall, attributes, differences, speed : DataFrame
+        See :mod:`eval.statistics`.
+    chosen : str
+        The tracker that the differences are about.
+    """
+
+    source: str
+    sequences: list[Sequence]
+    scores: pd.DataFrame
+    pairs: pd.DataFrame
+    overall: pd.DataFrame
+    attributes: pd.DataFrame
+    differences: pd.DataFrame
+    speed: pd.DataFrame
+    chosen: str
+
+
+def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: list[str] | None = None) -> Summary:
+    """Compute every number from a folder of results; runs no tracker.
+
+    Parameters
+    ----------
+    folder : Folder
+    chosen : str, optional
+        Tracker to compare with the others; the best one where it has not been run.
+    trackers : list of str, optional
+        Leave out the others.
+
+    Raises
+    ------
+    ResultsError
+        If there is nothing to report or a file is damaged.
+    """
+    sequences = folder.read_sequences()
+    runs = [run for run in folder.read_runs() if trackers is None or run.tracker in trackers]
+    scores = score_runs(runs, sequences)
+    if scores.empty:
+        raise ResultsError(f"no results in {folder.path} for the sequences of the last run")
+    pairs = per_sequence(scores)
+    speed = speed_table(folder.read_speeds())
+    table = _with_speed(overall(pairs), speed)
+    chosen = chosen if chosen in set(table["tracker"]) else str(table["tracker"].iloc[0])
+    return Summary(
+        source=folder.read_manifest()["source"],
+        sequences=sequences,
+        scores=scores,
+        pairs=pairs,
+        overall=table,
+        attributes=per_attribute(pairs, sequences),
+        differences=differences(pairs, chosen),
+        speed=speed,
+        chosen=chosen,
+    )
+
+
+def _with_speed(table: pd.DataFrame, speed: pd.DataFrame) -> pd.DataFrame:
+    """Add frames per second, p95 and the ratio to the rival: medians over sequences, and the least ratio."""
+    medians = speed.pivot(index="sequence", columns="tracker", values="median")
+    tails = speed.pivot(index="sequence", columns="tracker", values="p95")
+    rival = medians[SPEED_RIVAL] if SPEED_RIVAL in medians else pd.Series(np.nan, index=medians.index)
+    ratios = medians.rdiv(rival, axis=0)
+    by_tracker = pd.DataFrame(
+        {"fps": 1000.0 / medians.median(), "p95_ms": tails.median(), "ratio": ratios.median(), "least": ratios.min()}
+    )
+    return table.join(by_tracker, on="tracker")
+
+
+_EXTRA_TITLES = {
+    "tracker": "tracker",
+    "sequences": "n",
+    "failed": "failed",
+    "interval": "95 %",
+    "perturbed_iou": "IoU, start ±10 %",
+    "fps": "fps",
+    "p95_ms": "p95 ms",
+    "ratio": f"× {SPEED_RIVAL}",
+    "least": "least ×",
+}
+_COLUMNS = ("mean_iou", "interval", "auc", "auc_otb", "sr50", "sr75", "precision20", "normalised_precision")
+_COLUMNS_AFTER = ("perturbed_iou", "false_true", "false_false", "failed", "fps", "p95_ms", "ratio", "least")
+_DIGITS = {"fps": 0, "p95_ms": 2, "ratio": 1, "least": 1, "failed": 0, "sequences": 0}
+
+
+def format_cell(value: object, column: str = "") -> str:
+    """Text of one cell: three digits for shares, a dash where there is nothing to say."""
+    if isinstance(value, str):
+        return value
+    number = float(value)  # type: ignore[arg-type]
+    return "–" if np.isnan(number) else f"{number:.{_DIGITS.get(column, 3)}f}"
+
+
+def overall_table(summary: Summary) -> pd.DataFrame:
+    """The main table as text, with headings; columns in which nothing is known are left out."""
+    table = summary.overall
+    low, high = table["low"], table["high"]
+    interval = [f"{a:.3f}–{b:.3f}" if np.isfinite(a) else "–" for a, b in zip(low, high, strict=True)]
+    table = table.assign(interval=interval)
+    kept = [name for name in (*_COLUMNS, *_COLUMNS_AFTER) if table[name].notna().any()]
+    texts = {name: [format_cell(value, name) for value in table[name]] for name in ("tracker", *kept)}
+    titles = {name: metric.title for name, metric in METRICS.items()} | _EXTRA_TITLES
+    return pd.DataFrame({titles[name]: column for name, column in texts.items()})
+
+
+def sequence_table(summary: Summary) -> pd.DataFrame:
+    """Mean IoU as text, one row per sequence and one column per tracker, the best tracker first."""
+    wide = summary.pairs.pivot(index="sequence", columns="tracker", values="mean_iou")
+    wide = wide.reindex([sequence.name for sequence in summary.sequences])[list(summary.overall["tracker"])]
+    return _as_text(wide.rename_axis(columns=None).reset_index())
+
+
+def speed_text(summary: Summary) -> pd.DataFrame:
+    """Median ms per update as text, one row per sequence and one column per tracker."""
+    wide = summary.speed.pivot(index="sequence", columns="tracker", values="median")
+    return _as_text(wide.rename_axis(columns=None).reset_index())
+
+
+def attribute_table(summary: Summary) -> pd.DataFrame:
+    """Mean IoU per attribute as text."""
+    return _as_text(summary.attributes)
+
+
+def difference_table(summary: Summary) -> pd.DataFrame:
+    """The chosen tracker against each other one, as text."""
+    table = summary.differences
+    texts = {
+        f"{summary.chosen} minus": table["other"],
+        "mean IoU": [f"{value:+.3f}" for value in table["difference"]],
+        "95 %": [f"{a:+.3f} to {b:+.3f}" for a, b in zip(table["low"], table["high"], strict=True)],
+        "won": table["won"].astype(str),
+        "even": table["even"].astype(str),
+        "lost": table["lost"].astype(str),
+        "worst": [f"{a:+.3f} {b}" for a, b in zip(table["worst"], table["worst_sequence"], strict=True)],
+    }
+    return pd.DataFrame(texts)
+
+
+def failure_table(summary: Summary) -> pd.DataFrame:
+    """Runs that did not go through, with their reasons."""
+    failed = summary.scores[summary.scores["status"] != "completed"]
+    return failed[["tracker", "sequence", "start", "repeat", "status"]].astype(str).reset_index(drop=True)
+
+
+def _as_text(table: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame({name: [format_cell(value, str(name)) for value in table[name]] for name in table.columns})
+
+
+def console_table(table: pd.DataFrame, title: str, *, bold: str = "") -> Table:
+    """Rich table of texts; the row whose first cell is `bold` stands out."""
+    found = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    for position, name in enumerate(table.columns):
+        # Headings may wrap, numbers may not.
+        width = max((len(str(cell)) for cell in table[name]), default=1)
+        found.add_column(str(name), justify="left" if position == 0 else "right", min_width=width)
+    for row in table.itertuples(index=False):
+        cells = [str(cell) for cell in row]
+        found.add_row(*cells, style="bold" if cells[0] == bold else "")
+    return found
+
+
+def write_tables(summary: Summary, folder: Path) -> list[Path]:
+    """Write the tables as CSV (full precision), Markdown and LaTeX into a folder.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    ResultsError
+        If they cannot be written.
+    """
+    full = {
+        "runs": summary.scores,
+        "sequences": summary.pairs,
+        "overall": summary.overall,
+        "attributes": summary.attributes,
+        "differences": summary.differences,
+        "speed": summary.speed,
+    }
+    shown = {
+        "overall": overall_table(summary),
+        "sequences": sequence_table(summary),
+        "attributes": attribute_table(summary),
+    }
+    contents = {f"{name}.csv": table.to_csv(index=False) for name, table in full.items()}
+    contents |= {
+        f"{name}.md": table.to_markdown(index=False, disable_numparse=True) + "\n" for name, table in shown.items()
+    }
+    contents |= {f"{name}.tex": _latex(table) for name, table in shown.items()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in contents.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ResultsError(f"cannot write the tables to {folder}: {error.strerror or error}") from error
+    return [folder / name for name in contents]
+
+
+def _latex(table: pd.DataFrame) -> str:
+    """A booktabs tabular. Written out here, since the texts hold signs that LaTeX reads as commands."""
+    signs = {
+        "%": r"\%",
+        "_": r"\_",
+        "&": r"\&",
+        "#": r"\#",
+        "±": r"$\pm$",
+        "×": r"$\times$",
+        "–": "--",
+        "≥": r"$\geq$",
+        ">": "$>$",
+    }
+    escape = str.maketrans(signs)
+    lines = [
+        " & ".join(str(cell).translate(escape) for cell in row) + r" \\" for row in [table.columns, *table.values]
+    ]
+    head, body = lines[0], "\n".join(lines[1:])
+    columns = "l" + "r" * (len(table.columns) - 1)
+    return f"\\begin{{tabular}}{{{columns}}}\n\\toprule\n{head}\n\\midrule\n{body}\n\\bottomrule\n\\end{{tabular}}\n"

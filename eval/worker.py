@@ -1,0 +1,132 @@
+"""The process in which one tracker runs: it reads commands, feeds frames and writes one record per frame.
+
+Run as ``python -m eval.worker`` by :mod:`eval.runner` and by nobody else. It is cheap to start, knows no truth, and
+writes each record as soon as it exists, so that nothing is lost when the tracker takes the process down with it.
+
+Commands, one JSON object per line of standard input::
+
+    {"do": "open", "factory": "pkg.module:name", "params": {...}, "frames": {...}, "box": [x, y, w, h]}
+    {"do": "update", "count": 40, "timed": false}
+
+Records, one JSON object per line of standard output: ``{"opened": true}``, then per update
+``{"ok": true, "box": [x, y, w, h], "score": 0.9, "ms": null}``, or ``{"failure": "..."}``, which ends the track.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from time import perf_counter
+from typing import Any, TextIO
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .framesource import FrameSource, FrameSourceError
+
+__all__ = ["main", "resolve"]
+
+
+def resolve(reference: str) -> Any:
+    """Return the object that ``"pkg.module:name"`` refers to.
+
+    Raises
+    ------
+    ValueError
+        If there is no such module or name in it.
+    """
+    module, _, name = reference.partition(":")
+    if not module or not name:
+        raise ValueError(f"expected pkg.module:factory, got {reference!r}")
+    try:
+        found = import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"cannot load {reference!r}: {error}") from error
+    return found
+
+
+class _Track:
+    """A tracker on its way through the frames of one sequence."""
+
+    def __init__(self, command: Mapping[str, Any]) -> None:
+        self._frames: Iterator[NDArray[Any]] = iter(FrameSource.from_json(command["frames"]))
+        self._tracker = resolve(command["factory"])(**command["params"])
+        # cv2's newer trackers take whole numbers only, so every tracker gets them.
+        box = tuple(round(value) for value in command["box"])
+        if self._tracker.init(next(self._frames), box) is False:
+            raise ValueError(f"init refused the box {box}")
+
+    def update(self, timed: bool) -> dict[str, Any] | None:
+        frame = next(self._frames, None)
+        if frame is None:
+            return None
+        start = perf_counter()
+        answer = self._tracker.update(frame)
+        elapsed = 1000.0 * (perf_counter() - start)
+        ok, box = _checked(answer)
+        return {"ok": ok, "box": box, "score": self._score(), "ms": elapsed if timed else None}
+
+    def _score(self) -> float:
+        # OpenCV 5 gives every tracker the method; −1 is its way of saying that there is no score.
+        score = float(self._tracker.getTrackingScore()) if hasattr(self._tracker, "getTrackingScore") else math.nan
+        return score if score >= 0 else math.nan
+
+
+def _checked(answer: Any) -> tuple[bool, list[float]]:
+    try:
+        ok, box = answer
+        values = [float(value) for value in box]
+    except (TypeError, ValueError):
+        values = []
+    if len(values) != 4:
+        raise ValueError(f"update returned {answer!r}, expected (ok, (x, y, w, h))")
+    return bool(ok), values
+
+
+def _obey(commands: Iterator[str], write: Any) -> None:
+    track: _Track | None = None
+    for line in commands:
+        command = json.loads(line)
+        try:
+            if command["do"] == "open":
+                track = None
+                track = _Track(command)
+                write({"opened": True})
+            else:
+                for _ in range(command["count"]):
+                    record = track.update(command["timed"]) if track is not None else None
+                    if record is None:
+                        break
+                    write(record)
+        except FrameSourceError as error:
+            track = None
+            write({"failure": str(error)})
+        except Exception as error:  # whatever a tracker raises is its row's reason and not ours to die of
+            track = None
+            write({"failure": f"raised {type(error).__name__}: {' '.join(str(error).split())[:300]}"})
+
+
+def main() -> None:
+    """Serve until standard input ends."""
+    # What a tracker prints must not mix with the records: it goes to standard error.
+    output: TextIO = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    cv2.setNumThreads(1)
+    np.seterr(all="ignore")
+
+    def write(record: Mapping[str, Any]) -> None:
+        output.write(json.dumps(record) + "\n")
+        output.flush()
+
+    _obey(iter(sys.stdin.readline, ""), write)
+
+
+if __name__ == "__main__":
+    main()
