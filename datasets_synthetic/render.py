@@ -188,9 +188,7 @@ class _Painter:
         if index == self.stage.target_index:
             canvas.target[window] += alpha
 
-    def _colour(
-        self, index: int, pose: PartPose, x: NDArray[np.float64], y: NDArray[np.float64], t: float
-    ) -> Image:
+    def _colour(self, index: int, pose: PartPose, x: NDArray[np.float64], y: NDArray[np.float64], t: float) -> Image:
         s = self.spec.fraction(t)
         own_x, own_y = pose.own(x, y)
         colour = self.skins[index].colour(*pose.inverse(own_x, own_y), s) * np.float32(pose.part.colour)

@@ -65,9 +65,16 @@ def _polar(radius: NDArray[np.float64], width: float, height: float) -> Points:
 def _round_box(x0: float, y0: float, x1: float, y1: float, radius: float) -> Points:
     """Rectangle with rounded corners, from edges."""
     quarter = np.linspace(0.0, np.pi / 2.0, 5)
-    centres = ((x1 - radius, y1 - radius), (x0 + radius, y1 - radius), (x0 + radius, y0 + radius), (x1 - radius, y0 + radius))
+    centres = (
+        (x1 - radius, y1 - radius),
+        (x0 + radius, y1 - radius),
+        (x0 + radius, y0 + radius),
+        (x1 - radius, y0 + radius),
+    )
     corners = [
-        np.column_stack([cx + radius * np.cos(quarter + k * np.pi / 2), cy + radius * np.sin(quarter + k * np.pi / 2)])
+        np.column_stack(
+            [cx + radius * np.cos(quarter + k * np.pi / 2), cy + radius * np.sin(quarter + k * np.pi / 2)]
+        )
         for k, (cx, cy) in enumerate(centres)
     ]
     return np.concatenate(corners)
@@ -179,7 +186,9 @@ def walker(width: float, height: float, seed: int) -> tuple[Part, ...]:
             return _chain(upper(phase), _turn_about(0.0, hip + thigh, bend))
 
         colour = (trousers[0] * shade, trousers[1] * shade, trousers[2] * shade)
-        shoe = _round_box(-0.45 * thick, hip + thigh + shin - 0.4 * thick, 1.0 * thick, hip + thigh + shin, 0.2 * thick)
+        shoe = _round_box(
+            -0.45 * thick, hip + thigh + shin - 0.4 * thick, 1.0 * thick, hip + thigh + shin, 0.2 * thick
+        )
         return [
             Part(shoe, lower, (0.2, 0.2, 0.22)),
             Part(_limb(0.0, hip + thigh, shin - 0.1 * thick, 0.8 * thick), lower, colour),

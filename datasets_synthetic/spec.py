@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from .deform import DEFORMS
@@ -23,10 +24,9 @@ RENDERER_VERSION = 1
 Point = tuple[float, float]
 
 
-def _known(kind: str, table: dict[str, object] | object, what: str) -> None:
-    if not isinstance(table, dict) or kind not in table:
-        names = ", ".join(table) if isinstance(table, dict) else ""
-        raise ValueError(f"unknown {what} {kind!r}; known: {names}")
+def _known(kind: str, table: Mapping[str, object], what: str) -> None:
+    if kind not in table:
+        raise ValueError(f"unknown {what} {kind!r}; known: {', '.join(table)}")
 
 
 def _require(condition: bool, message: str) -> None:
@@ -48,15 +48,19 @@ class Texture:
         Mean blue, green, red in 0–255; by default the picture's own.
     seed : int
         Which piece of the photograph, which draw of the pattern.
+    shrink : int
+        Photographs only: how many of its pixels, across and down, make one.
     """
 
     kind: str
     contrast: float = 1.0
     colour: tuple[float, float, float] | None = None
     seed: int = 0
+    shrink: int = 1
 
     def __post_init__(self) -> None:
         _known(self.kind, TEXTURES, "texture")
+        _require(1 <= self.shrink <= 8, f"expected shrink in 1–8, got {self.shrink}")
         _require(self.contrast >= 0, f"expected a contrast of at least 0, got {self.contrast}")
 
 
@@ -146,7 +150,7 @@ class Effect:
     cycles: float = 1.0
 
     def __post_init__(self) -> None:
-        _known(self.kind, EFFECTS | SURFACE_EFFECTS, "effect")
+        _known(self.kind, {**EFFECTS, **SURFACE_EFFECTS}, "effect")
         if self.kind == "jpeg":
             _require(1 <= self.strength <= 100, f"expected a JPEG quality in 1–100, got {self.strength}")
 

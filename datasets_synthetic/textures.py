@@ -24,13 +24,16 @@ PHOTOGRAPHS = ("astronaut", "brick", "camera", "chelsea", "coffee", "coins", "gr
 
 
 @cache
-def _photograph(name: str) -> Image:
+def _photograph(name: str, shrink: int) -> Image:
+    """Photograph made smaller by means over `shrink` × `shrink` pixels."""
     import skimage.data
 
     picture = np.asarray(getattr(skimage.data, name)())
     if picture.ndim == 2:
         picture = np.repeat(picture[:, :, np.newaxis], 3, axis=2)
-    image: Image = np.ascontiguousarray(picture[:, :, 2::-1], dtype=np.float32)
+    rows, columns = picture.shape[0] // shrink, picture.shape[1] // shrink
+    blocks = picture[: rows * shrink, : columns * shrink, 2::-1].reshape(rows, shrink, columns, shrink, 3)
+    image: Image = np.ascontiguousarray(blocks.mean(axis=(1, 3), dtype=np.float64), dtype=np.float32)
     image.flags.writeable = False
     return image
 
@@ -113,9 +116,9 @@ def _mirror(index: NDArray[np.float64], size: int) -> NDArray[np.int64]:
     return np.minimum(folded, 2 * size - 1 - folded)
 
 
-def photograph(name: str, height: int, width: int, rng: np.random.Generator) -> Image:
+def photograph(name: str, height: int, width: int, rng: np.random.Generator, shrink: int = 1) -> Image:
     """Cut a piece out of a photograph, enlarged only where it is too small."""
-    picture = _photograph(name)
+    picture = _photograph(name, shrink)
     scale = max(height / picture.shape[0], width / picture.shape[1], 1.0)
     room_y, room_x = picture.shape[0] - height / scale, picture.shape[1] - width / scale
     y0, x0 = (int(rng.uniform(0.0, room) + 1e-9) for room in (room_y, room_x))
@@ -140,7 +143,9 @@ def plain(height: int, width: int, rng: np.random.Generator) -> Image:
 
 def clouds(height: int, width: int, rng: np.random.Generator) -> Image:
     """Coloured noise of several octaves."""
-    field = sum(_grain(height, width, cell, rng, 3) * np.float32(gain) for cell, gain in ((28, 24), (11, 18), (4, 12)))
+    field = sum(
+        _grain(height, width, cell, rng, 3) * np.float32(gain) for cell, gain in ((28, 24), (11, 18), (4, 12))
+    )
     return np.asarray(128.0 + field, dtype=np.float32)
 
 
@@ -217,7 +222,11 @@ def paint(texture: Texture, height: int, width: int) -> Image:
         In 0–255, softened; contrast is about the picture's own mean, and the mean is moved to `colour`.
     """
     rng = np.random.default_rng([texture.seed, 5])
-    image = soften(TEXTURES[texture.kind](height, width, rng))
+    if texture.kind in PHOTOGRAPHS:
+        image = photograph(texture.kind, height, width, rng, texture.shrink)
+    else:
+        image = TEXTURES[texture.kind](height, width, rng)
+    image = soften(image)
     mean = image.mean(axis=(0, 1))
     colour = np.asarray(texture.colour, dtype=np.float32) if texture.colour is not None else mean
     return np.asarray(np.clip((image - mean) * np.float32(texture.contrast) + colour, 0.0, 255.0), dtype=np.float32)
