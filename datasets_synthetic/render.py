@@ -6,6 +6,7 @@ exact across a row and sampled eight times down a column.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -78,7 +79,9 @@ class _Skin:
 
 def _skin(actor: Actor, zoom: float) -> _Skin:
     density = max(1.0, max(actor.motion.growth) * zoom)
-    width, height = (int(side * density * 1.2) + 4 for side in actor.size)
+    # A thing that turns shows its whole circumference, not just its front.
+    around = math.pi if any(deform.kind == "turn" for deform in actor.deform) else 1.2
+    width, height = int(actor.size[0] * density * around) + 4, int(actor.size[1] * density * 1.2) + 4
 
     def picture(texture: Texture) -> Image:
         return paint(texture, height, width)
@@ -120,7 +123,7 @@ class _Painter:
     def _view(self, t: float) -> Image:
         picture, x0, y0 = self._world
         camera = self.stage.camera(t)
-        xs, ys = np.arange(self.width) + 0.5, np.arange(self.height) + 0.5
+        xs, ys = np.arange(self.width, dtype=np.float64) + 0.5, np.arange(self.height, dtype=np.float64) + 0.5
         wx, _ = camera.to_world(xs, xs)
         _, wy = camera.to_world(ys, ys)
         # A whole-pixel pan must stay whole in floating point: it is then an exact copy.
@@ -179,7 +182,7 @@ class _Painter:
         alpha = coverage(outline, x0, y0, width, height)
         window = (slice(y0, y0 + height), slice(x0, x0 + width))
         inside = np.nonzero(alpha)
-        colour = self._colour(index, pose, inside[1] + (x0 + 0.5), inside[0] + (y0 + 0.5), t)
+        colour = self._colour(index, pose, *_centres(inside, x0, y0), t)
         weight = alpha[inside][:, np.newaxis]
         view = canvas.image[window]
         view[inside] = view[inside] * (1 - weight) + colour * weight
@@ -191,12 +194,12 @@ class _Painter:
     def _colour(self, index: int, pose: PartPose, x: NDArray[np.float64], y: NDArray[np.float64], t: float) -> Image:
         s = self.spec.fraction(t)
         own_x, own_y = pose.own(x, y)
-        colour = self.skins[index].colour(*pose.inverse(own_x, own_y), s) * np.float32(pose.part.colour)
+        colour = self.skins[index].colour(*pose.inverse(own_x, own_y), s) * np.array(pose.part.colour, np.float32)
         half_w, half_h = pose.actor.size[0] / 2.0, pose.actor.size[1] / 2.0
         u, v = (own_x / half_w).astype(np.float32), (own_y / half_h).astype(np.float32)
         for effect in pose.actor.surface:
             colour = SURFACE_EFFECTS[effect.kind](colour, effect, u, v, s)
-        return np.clip(colour, 0.0, 255.0)
+        return np.asarray(np.clip(colour, 0.0, 255.0), dtype=np.float32)
 
     def picture(self, t: int) -> tuple[Image, _Canvas]:
         """Draw frame t as the shutter sees it, and its canvas at the middle of the exposure."""
@@ -214,6 +217,14 @@ class _Painter:
         for effect in sorted(self.spec.effects, key=lambda effect: ORDER.index(effect.kind)):
             image = EFFECTS[effect.kind](image, effect, self.spec.fraction(t), rng)
         return to_bytes(image)
+
+
+def _centres(
+    pixels: tuple[NDArray[np.intp], ...], x0: int, y0: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centres (x, y) in the frame of pixels (rows, columns) of a window, px."""
+    rows, columns = pixels
+    return columns.astype(np.float64) + (x0 + 0.5), rows.astype(np.float64) + (y0 + 0.5)
 
 
 def _amodal_area(outlines: list[NDArray[np.float64]]) -> float:

@@ -1,0 +1,83 @@
+"""Command line: ``python -m datasets_synthetic render SUITE --out DIR`` and ``python -m datasets_synthetic list``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import tyro
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from .export import FORMATS
+from .preview import contact_sheet
+from .render import render
+from .suites import SUITES
+
+_FORMAT_NAMES = ", ".join(FORMATS)
+
+
+def _fail(message: str) -> None:
+    Console(stderr=True).print(message, style="bold red", highlight=False, markup=False)
+    sys.exit(2)
+
+
+def render_suite(
+    suite: tyro.conf.Positional[str],
+    /,
+    *,
+    out: Path,
+    format: Annotated[str, tyro.conf.arg(help=f"one of {_FORMAT_NAMES}")] = "otb",  # noqa: A002 - the option's name
+    preview: bool = False,
+) -> None:
+    """Render a suite to files: frames and truth, one folder per sequence.
+
+    Parameters
+    ----------
+    suite
+        Name of the suite; `list` shows them.
+    out
+        Folder to write to; made when missing.
+    format
+        Layout of the files.
+    preview
+        Also write `preview.png` into each folder: eight frames with the truth drawn in.
+    """
+    if suite not in SUITES:
+        _fail(f"no suite {suite!r}; known: {', '.join(SUITES)}")
+    if format not in FORMATS:
+        _fail(f"no format {format!r}; known: {_FORMAT_NAMES}")
+    console = Console()
+    for spec in track(SUITES[suite], description=f"rendering {suite}", console=console):
+        sequence = render(spec)
+        folder = FORMATS[format](sequence, out)
+        if preview:
+            cv2.imwrite(str(folder / "preview.png"), contact_sheet(sequence))
+    console.print(f"{len(SUITES[suite])} sequences of suite {suite} in {out}", highlight=False, markup=False)
+
+
+def list_suites() -> None:
+    """List the suites and their sequences."""
+    console = Console()
+    for suite, specs in SUITES.items():
+        table = Table("sequence", "size", "frames", "attributes", "digest", title=f"{suite} ({len(specs)})")
+        for spec in specs:
+            size = f"{spec.size[0]} × {spec.size[1]}"
+            table.add_row(spec.name, size, str(spec.frames), ", ".join(spec.attributes), spec.digest())
+        console.print(table)
+
+
+def main() -> None:
+    """Run the command line."""
+    tyro.extras.subcommand_cli_from_dict(
+        {"render": render_suite, "list": list_suites},
+        prog="python -m datasets_synthetic",
+        description="The laboratory: videos whose truth is known exactly because we drew them.",
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,266 @@
+"""Sequences as files that other people's tools read. Pixels survive exactly: PNG and FFV1, never a lossy codec.
+
+Every layout has a folder of its own per sequence, which also holds `manifest.json` (the spec, its digest, the
+renderer's version) and `visibility.txt`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .sequence import Sequence
+from .spec import RENDERER_VERSION
+
+__all__ = [
+    "FORMATS", "read_flo", "read_otb_boxes", "write_coco", "write_flo", "write_flow", "write_got10k", "write_otb",
+    "write_video", "write_vot",
+]  # fmt: skip
+
+_FPS = 25.0
+_FLO_MAGIC = 202021.25
+
+
+def write_otb(sequence: Sequence, root: Path) -> Path:
+    """Write `img/0001.png` … and `groundtruth_rect.txt`: 1-based, comma-separated amodal boxes.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    root : Path
+        The sequence goes into ``root / sequence.name``.
+
+    Returns
+    -------
+    Path
+        The folder of the sequence.
+    """
+    folder = _folder(sequence, root)
+    _images(sequence, folder / "img", "{:04d}.png", 1)
+    _table(folder / "groundtruth_rect.txt", sequence.boxes + np.array([1.0, 1.0, 0.0, 0.0]))
+    (folder / "attributes.txt").write_text(",".join(sequence.attributes) + "\n")
+    return folder
+
+
+def read_otb_boxes(path: Path) -> NDArray[np.float64]:
+    """Read an OTB truth file (commas, tabs or spaces).
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    ndarray, shape (T, 4), float64
+        x, y, w, h of the project's convention: 0-based.
+    """
+    lines = path.read_text().replace(",", " ").splitlines()
+    boxes = np.array([[float(value) for value in line.split()] for line in lines if line.strip()])
+    return np.asarray(boxes - np.array([1.0, 1.0, 0.0, 0.0]))
+
+
+def write_vot(sequence: Sequence, root: Path) -> Path:
+    """Write `color/00000001.png` …, `groundtruth.txt` (8 numbers: the corners of the box), `sequence`, tags.
+
+    Takes and gives what `write_otb` does; ``root / "list.txt"`` gains the sequence's name.
+    """
+    folder = _folder(sequence, root)
+    _images(sequence, folder / "color", "{:08d}.png", 1)
+    x, y, w, h = sequence.boxes.T
+    _table(folder / "groundtruth.txt", np.column_stack([x, y, x + w, y, x + w, y + h, x, y + h]))
+    for name, flags in sequence.frame_attributes.items():
+        _table(folder / f"{name}.tag", flags[:, np.newaxis].astype(int))
+    height, width = sequence.frames.shape[1:3]
+    facts = {
+        "channels.color": "color/%08d.png", "format": "default", "fps": f"{_FPS:g}", "name": sequence.name,
+        "width": width, "height": height, "length": len(sequence),
+    }  # fmt: skip
+    (folder / "sequence").write_text("".join(f"{key}={value}\n" for key, value in facts.items()))
+    _list(root, sequence.name)
+    return folder
+
+
+def write_got10k(sequence: Sequence, root: Path) -> Path:
+    """Write the layout of GOT-10k: images, `groundtruth.txt`, `meta_info.ini`, three label files, `list.txt`.
+
+    Takes and gives what `write_otb` does. The images are PNG under the name .jpg, on which the toolkit insists and
+    which every reader opens by content. Boxes are 0-based, since the toolkit hands them on as they are.
+    """
+    folder = _folder(sequence, root)
+    _images(sequence, folder, "{:08d}.jpg", 1)
+    _table(folder / "groundtruth.txt", sequence.boxes)
+    cover = np.ceil(sequence.visibility * 8.0).astype(int)
+    _table(folder / "cover.label", cover[:, np.newaxis])
+    _table(folder / "absence.label", sequence.frame_attributes["absent"][:, np.newaxis].astype(int))
+    _table(folder / "cut_by_image.label", sequence.frame_attributes["cut_by_frame"][:, np.newaxis].astype(int))
+    height, width = sequence.frames.shape[1:3]
+    facts = (
+        "url: none", "begin: 00:00:00", f"end: {len(sequence)}", f"anno_fps: {_FPS:g}Hz", "object_class: synthetic",
+        f"motion_class: {' '.join(sequence.attributes)}", "major_class: synthetic", "root_class: synthetic",
+        "motion_adverb: none", f"resolution: ({width}, {height})",
+    )  # fmt: skip
+    (folder / "meta_info.ini").write_text("[METAINFO]\n" + "".join(f"{fact}\n" for fact in facts))
+    _list(root, sequence.name)
+    return folder
+
+
+def write_coco(sequence: Sequence, root: Path) -> Path:
+    """Write `img/0001.png` … and `annotations.json`, one annotation per frame in which the target is seen.
+
+    Takes and gives what `write_otb` does. `bbox` and `segmentation` are amodal, `area` is that of the visible
+    mask, and the additional keys `visible_bbox` and `visibility` say what is seen.
+    """
+    folder = _folder(sequence, root)
+    _images(sequence, folder / "img", "{:04d}.png", 1)
+    height, width = sequence.frames.shape[1:3]
+    images = [
+        {"id": t + 1, "file_name": f"img/{t + 1:04d}.png", "width": width, "height": height}
+        for t in range(len(sequence))
+    ]
+    annotations = [_annotation(sequence, t) for t in np.flatnonzero(sequence.visibility > 0).tolist()]
+    document = {
+        "info": {"description": f"{sequence.name} {sequence.spec.digest()}"},
+        "images": images,
+        "annotations": annotations,
+        "categories": [{"id": 1, "name": "target"}],
+    }
+    (folder / "annotations.json").write_text(json.dumps(document))
+    return folder
+
+
+def _annotation(sequence: Sequence, t: int) -> dict[str, Any]:
+    return {
+        "id": t + 1,
+        "image_id": t + 1,
+        "category_id": 1,
+        "iscrowd": 0,
+        "bbox": sequence.boxes[t].tolist(),
+        "visible_bbox": sequence.visible_boxes[t].tolist(),
+        "visibility": float(sequence.visibility[t]),
+        "area": int(sequence.masks[t].sum()),
+        "segmentation": [polygon.ravel().tolist() for polygon in sequence.polygons[t]],
+    }
+
+
+def write_flow(sequence: Sequence, root: Path) -> Path:
+    """Write the frames, `flow/0001.flo` … (frame 1 to frame 2 first) and `flow/0001_valid.png`.
+
+    Takes and gives what `write_otb` does.
+    """
+    folder = write_otb(sequence, root)
+    (folder / "flow").mkdir(exist_ok=True)
+    for t in range(len(sequence) - 1):
+        flow, valid = sequence.flow(t)
+        write_flo(folder / "flow" / f"{t + 1:04d}.flo", flow)
+        _image(folder / "flow" / f"{t + 1:04d}_valid.png", valid.astype(np.uint8) * 255)
+    return folder
+
+
+def write_flo(path: Path, flow: NDArray[np.float32]) -> None:
+    """Write a flow field (H, W, 2) in Middlebury's .flo layout."""
+    height, width = flow.shape[:2]
+    header = np.array([_FLO_MAGIC], "<f4").tobytes() + np.array([width, height], "<i4").tobytes()
+    path.write_bytes(header + np.ascontiguousarray(flow, "<f4").tobytes())
+
+
+def read_flo(path: Path) -> NDArray[np.float32]:
+    """Read a .flo file.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 2), float32
+
+    Raises
+    ------
+    ValueError
+        If it does not begin as such a file does, or has another length than it says.
+    """
+    data = path.read_bytes()
+    if len(data) < 12 or np.frombuffer(data, "<f4", 1)[0] != np.float32(_FLO_MAGIC):
+        raise ValueError(f"{path} is no .flo file")
+    width, height = np.frombuffer(data, "<i4", 2, 4).tolist()
+    if len(data) != 12 + 8 * width * height:
+        raise ValueError(f"{path} says {width} × {height} px but holds {len(data) - 12} bytes of flow")
+    return np.frombuffer(data, "<f4", offset=12).reshape(height, width, 2).astype(np.float32)
+
+
+def write_video(sequence: Sequence, root: Path) -> Path:
+    """Write `video.mkv` (FFV1, lossless) and `groundtruth.txt` (0-based x,y,w,h).
+
+    Takes and gives what `write_otb` does. Gray frames are stored as three equal channels.
+
+    Raises
+    ------
+    OSError
+        If this OpenCV cannot write FFV1.
+    """
+    folder = _folder(sequence, root)
+    height, width = sequence.frames.shape[1:3]
+    writer = cv2.VideoWriter(str(folder / "video.mkv"), cv2.VideoWriter.fourcc(*"FFV1"), _FPS, (width, height))
+    if not writer.isOpened():
+        raise OSError(f"cv2 {cv2.__version__} cannot write FFV1 video to {folder / 'video.mkv'}")
+    for frame in sequence.frames:
+        writer.write(cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR) if frame.ndim == 2 else frame)
+    writer.release()
+    _table(folder / "groundtruth.txt", sequence.boxes)
+    return folder
+
+
+FORMATS: dict[str, Callable[[Sequence, Path], Path]] = {
+    "otb": write_otb,
+    "vot": write_vot,
+    "got10k": write_got10k,
+    "coco": write_coco,
+    "flow": write_flow,
+    "video": write_video,
+}
+
+
+def _folder(sequence: Sequence, root: Path) -> Path:
+    folder = root / sequence.name
+    folder.mkdir(parents=True, exist_ok=True)
+    manifest = {
+        "name": sequence.name,
+        "digest": sequence.spec.digest(),
+        "renderer_version": RENDERER_VERSION,
+        "seed": sequence.spec.seed,
+        "attributes": sequence.attributes,
+        "spec": repr(sequence.spec),
+    }
+    (folder / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
+    _table(folder / "visibility.txt", sequence.visibility[:, np.newaxis])
+    return folder
+
+
+def _images(sequence: Sequence, folder: Path, pattern: str, first: int) -> None:
+    folder.mkdir(exist_ok=True)
+    for t, frame in enumerate(sequence.frames):
+        _image(folder / pattern.format(t + first), frame)
+
+
+def _image(path: Path, image: NDArray[np.uint8]) -> None:
+    done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    if not done:
+        raise OSError(f"cv2 could not encode {path}")
+    path.write_bytes(data.tobytes())
+
+
+def _table(path: Path, values: NDArray[Any]) -> None:
+    def text(value: float) -> str:
+        return str(value) if isinstance(value, int) else f"{value:.4f}"
+
+    rows: Iterable[list[float]] = values.tolist()
+    path.write_text("".join(",".join(text(value) for value in row) + "\n" for row in rows))
+
+
+def _list(root: Path, name: str) -> None:
+    path = root / "list.txt"
+    names = path.read_text().split() if path.exists() else []
+    if name not in names:
+        path.write_text("".join(f"{each}\n" for each in [*names, name]))
