@@ -155,6 +155,11 @@ def _hash_files(paths: Iterable[str], *arrays: NDArray[np.float64]) -> str:
     return digest.hexdigest()[:16]
 
 
+def _presence(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """1 where there is a box, 0 where not."""
+    return np.asarray(np.isfinite(boxes).all(axis=1), dtype=np.float64)
+
+
 def _from_images(
     name: str,
     images: tuple[str, ...],
@@ -169,8 +174,7 @@ def _from_images(
     if first is None:
         raise SequenceError(f"{name}: cannot read {images[0]}")
     boxes = boxes[:count]
-    present = np.isfinite(boxes).all(axis=1)
-    visible: NDArray[np.float64] = present.astype(np.float64)
+    visible = _presence(boxes)
     if visibility is not None:
         visible *= visibility[:count]
     digest = _hash_files(images[:count], boxes, visible)
@@ -265,9 +269,8 @@ def _video(where: str) -> list[Sequence]:
     finally:
         capture.release()
     boxes = boxes[:count]
-    visibility: NDArray[np.float64] = np.isfinite(boxes).all(axis=1).astype(np.float64)
     source = FrameSource((video,), "video", count)
-    return [Sequence(Path(video).stem, source, boxes, visibility, (), size, _hash_files([video], boxes))]
+    return [Sequence(Path(video).stem, source, boxes, _presence(boxes), (), size, _hash_files([video], boxes))]
 
 
 DATASETS: dict[str, Callable[[str], list[Sequence]]] = {

@@ -69,11 +69,6 @@ def csrt() -> Any:
     return _cv2.TrackerCSRT_create()
 
 
-def kcf() -> Any:
-    """KCF as OpenCV ships it; never recovers from the motion between its init and its first update."""
-    return _cv2.TrackerKCF_create()
-
-
 def mil() -> Any:
     """MIL as OpenCV ships it; differs from run to run."""
     return _cv2.TrackerMIL_create()
@@ -89,7 +84,26 @@ def median_flow() -> Any:
     return _cv2.legacy.TrackerMedianFlow_create()
 
 
-class PrimedKCF:
+class KCF:
+    """KCF as OpenCV ships it; never recovers from the motion between its init and its first update.
+
+    It raises on gray frames, so it gets them in three channels, as a user would do after the first exception.
+    """
+
+    def __init__(self) -> None:
+        self._tracker = _cv2.TrackerKCF_create()
+
+    def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
+        """Start."""
+        self._tracker.init(_in_colour(image), boundingBox)
+
+    def update(self, image: NDArray[Any]) -> tuple[bool, Any]:
+        """Locate the target."""
+        ok, box = self._tracker.update(_in_colour(image))
+        return ok, box
+
+
+class PrimedKCF(KCF):
     """KCF at its best: it detects from the first update on, and never gives up.
 
     As shipped it does not detect in its first update, and is off ever after by the motion up to there; an update
@@ -103,13 +117,12 @@ class PrimedKCF:
 
     def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
         """Start, and prime."""
-        self._tracker.init(image, boundingBox)
-        self._tracker.update(image)
+        super().init(image, boundingBox)
+        self.update(image)
 
-    def update(self, image: NDArray[Any]) -> tuple[bool, Any]:
-        """Locate the target."""
-        ok, box = self._tracker.update(image)
-        return ok, box
+
+def _in_colour(image: NDArray[Any]) -> NDArray[Any]:
+    return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 or image.shape[2] == 1 else image
 
 
 class Static:
@@ -153,7 +166,7 @@ _HERE = "eval.trackers"
 TRACKERS: dict[str, TrackerSpec] = {
     "TrackerHS": TrackerSpec("TrackerHS", f"{_HERE}:trackerhs", sources=("hs_tracker_cv",)),
     "CSRT": TrackerSpec("CSRT", f"{_HERE}:csrt"),
-    "KCF": TrackerSpec("KCF", f"{_HERE}:kcf"),
+    "KCF": TrackerSpec("KCF", f"{_HERE}:KCF"),
     "KCF-primed": TrackerSpec("KCF-primed", f"{_HERE}:PrimedKCF"),
     "MIL": TrackerSpec("MIL", f"{_HERE}:mil", repeats=3),
     "MOSSE": TrackerSpec("MOSSE", f"{_HERE}:mosse"),
