@@ -104,6 +104,7 @@ def _cost(
 def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
     """Translation of the object layer with the least masked squared difference, near ones preferred."""
     reduce = 2 if 2 * grid.scale >= 24 else 1
+    channels = image.shape[2]
     obj, mask = state.obj, weight
     if reduce == 2:
         size = (image.shape[1] // 2, image.shape[0] // 2)
@@ -114,7 +115,7 @@ def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tupl
     if w < 2 or h < 2:
         return state.velocity
     template = np.ascontiguousarray(obj[y : y + h, x : x + w])
-    masks = np.repeat(mask8[y : y + h, x : x + w, np.newaxis].astype(np.float32), image.shape[-1], axis=2)
+    masks = np.repeat(mask8[y : y + h, x : x + w, np.newaxis].astype(np.float32), channels, axis=2).reshape(template.shape)
     squares = cv2.matchTemplate(image, template, cv2.TM_SQDIFF, mask=masks)
     cost = np.sqrt(np.maximum(squares, 0) / max(float(masks.sum()), 1.0))
     sx = reduce * (np.arange(cost.shape[1]) - x) - state.velocity[0]
