@@ -114,15 +114,18 @@ class HornSchunck:
             out[...] = flow
         p = self.params
         five = p.derivative == "five-tap"
+        plane = (h + 4) * (w + 4)
         if p.mode in ("classic", "solve"):
-            self._reserve(8 * (h + 4) * (w + 4))
-            kernels.jacobi(frame0, frame1, out, self._work, five, p.iterations, np.float32(0.0), np.float32(p.smoothness))
+            self._reserve(kernels.FLOW_PLANES * plane)
+            kernels.jacobi(
+                frame0[:, :, None], frame1[:, :, None], out, self._work, five, p.iterations, np.float32(p.smoothness)
+            )
             return out
         sizes, total = _level_sizes(h, w, p.levels, p.ratio)
-        self._reserve(9 * (h + 4) * (w + 4) + 8 * w + 32 + 4 * total)
+        self._reserve(kernels.FLOW_PLANES * plane + 2 * (w + 4) + 4 * total)
         kernels.coarse_to_fine(
-            frame0, frame1, out, flow is not None, sizes, self._work, five, p.warps, p.iterations, _RHO, p.median,
-            np.float32(p.smoothness), _TAPS, _NO_TAPS,
+            frame0[:, :, None], frame1[:, :, None], out, flow is not None, sizes, self._work, five, p.warps, p.iterations, _RHO, p.median,
+            np.float32(p.smoothness), *_TAPS,
         )  # fmt: skip
         return out
 
@@ -135,18 +138,17 @@ class HornSchunck:
         return {**self.__dict__, "_work": np.zeros(0, np.float32)}
 
 
-def _gaussian(sigma: float) -> NDArray[np.float32]:
+def _gaussian(sigma: float) -> tuple[np.float32, ...]:
     taps = np.exp(-0.5 * (np.arange(3) / sigma) ** 2)
-    return np.asarray(taps / (taps[0] + 2 * taps[1:].sum()), np.float32)
+    return tuple(np.float32(t) for t in taps / (taps[0] + 2 * taps[1:].sum()))
 
 
 _TAPS = _gaussian(0.6)
-_NO_TAPS = np.array([1, 0, 0], np.float32)
 _RHO = np.float32(0.97)
 
 
 @lru_cache(maxsize=4096)
-def _level_sizes(h: int, w: int, levels: int, ratio: float) -> tuple[NDArray[np.int64], int]:
+def _level_sizes(h: int, w: int, levels: int, ratio: float) -> tuple[NDArray[np.uint64], int]:
     sizes = [(h, w)]
     while len(sizes) < levels:
         scale = ratio ** len(sizes)
@@ -154,7 +156,7 @@ def _level_sizes(h: int, w: int, levels: int, ratio: float) -> tuple[NDArray[np.
         if min(size) < MIN_LEVEL_SIDE:
             break
         sizes.append(size)
-    return np.array(sizes, np.int64), sum((a + 4) * (b + 4) for a, b in sizes)
+    return np.array(sizes, np.uint64), sum((a + 4) * (b + 4) for a, b in sizes)
 
 
 def _gray(image: Any) -> NDArray[np.float32]:
@@ -170,9 +172,9 @@ def derivatives(I0: Any, I1: Any, derivative: str = "cube") -> NDArray[np.float3
     if derivative not in DERIVATIVES:
         raise ValueError(f"expected derivative to be one of {', '.join(DERIVATIVES)}, got {derivative!r}")
     h, w = frame0.shape
-    out = np.empty((3, h, w), np.float32)
+    out = np.empty((h, w, 3), np.float32)
     work = np.zeros(5 * (h + 4) * (w + 4), np.float32)
-    kernels.derivatives_of(frame0, frame1, derivative == "five-tap", out, work)
+    kernels.write_derivatives(frame0[:, :, None], frame1[:, :, None], derivative == "five-tap", out, work)
     return out
 
 

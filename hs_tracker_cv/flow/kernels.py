@@ -1,11 +1,13 @@
-"""The numerical core, in Numba: arrays in, arrays out; no checks, no options, no allocation.
+"""The numerical core, in Numba: one memory in, one memory out; no checks, no options, no allocation.
 
-Every plane is a flat float32 array that holds h × w pixels with a ring of two pixels round them: pixel (y, x) is
-element (y + 2) * (w + 4) + x + 2. The ring, filled by :func:`pad` or :func:`edge`, lets each loop run without a
-branch at the border. Indices are unsigned, since Numba then leaves out Python's wrap-around of negative indices,
-which costs the vectoriser a factor of eight; so every constant that meets an index is a uint64 too.
+All planes live in one flat float32 array, the workspace `m`, and a plane is named by the index of its first element:
+cutting array views would cost more to compile than all the arithmetic, and time at every call. A plane holds h × w
+pixels with a ring of two pixels round them: pixel (y, x) is element (y + 2) (w + 4) + x + 2. The ring, filled by
+:func:`pad` or :func:`edge`, lets each loop run without a branch at the border. Indices are unsigned, since Numba then
+leaves out Python's wrap-around of negative ones, which keeps loops from being vectorised; so every constant that meets
+an index is a uint64 as well.
 
-Symbols are those of Horn & Schunck (1981, doi:10.1016/0004-3702(81)90024-2).
+Symbols are those of Horn & Schunck (1981, doi:10.1016/0004-3702(81)90024-2): derivatives F_x, F_y, F_t, flow (u, v).
 """
 
 from __future__ import annotations
@@ -19,74 +21,115 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-__all__ = ["RING", "coarse_to_fine", "derivatives_of", "jacobi"]
+__all__ = ["FLOW_PLANES", "coarse_to_fine", "jacobi", "write_derivatives"]
 
-RING = 2
-"""Pixels of border round every plane: the widest stencil (5-tap derivative, cubic warp, 5 × 5 median) needs 2."""
-
+ZERO = np.uint64(0)
 ONE = np.uint64(1)
 TWO = np.uint64(2)
+THREE = np.uint64(3)
 FOUR = np.uint64(4)
-FAST = {"contract", "reassoc", "nsz"}  # NaN and infinity keep their meaning
+FIVE = np.uint64(5)
+
+FAST = {"contract", "nsz"}  # reassociation would break "identical frames give exactly zero"
+INNER = {"nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "fastmath": FAST}
+# Only what Python calls is cached: its machine code holds the inner functions too.
+OUTER = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, "fastmath": FAST}
+
+FLOW_PLANES = 9
+"""Full-size planes that :func:`coarse_to_fine` and :func:`jacobi` need beside the pyramid."""
 
 
-@njit(cache=True, nogil=True)
-def edge(a, h, w):
-    """Replicate the border pixels of `a` one pixel outwards: all that the averaging stencil reads."""
+@njit(**INNER)
+def edge(m, a, h, w):
+    """Replicate the border pixels of plane `a` one pixel outwards: all that the averaging stencil reads."""
     s = w + FOUR
     for y in range(TWO, h + TWO):
-        a[y * s + ONE] = a[y * s + TWO]
-        a[y * s + w + TWO] = a[y * s + w + ONE]
-    for x in range(ONE, w + TWO + ONE):
-        a[s + x] = a[TWO * s + x]
-        a[(h + TWO) * s + x] = a[(h + ONE) * s + x]
+        row = a + y * s
+        m[row + ONE] = m[row + TWO]
+        m[row + w + TWO] = m[row + w + ONE]
+    bottom = a + (h + TWO) * s
+    for x in range(ONE, w + THREE):
+        m[a + s + x] = m[a + s + s + x]
+        m[bottom + x] = m[bottom - s + x]
 
 
-@njit(cache=True, nogil=True)
-def pad(a, h, w):
-    """Replicate the border pixels of `a` into its whole ring."""
-    edge(a, h, w)
+@njit(**INNER)
+def pad(m, a, h, w):
+    """Replicate the border pixels of plane `a` into its whole ring."""
+    edge(m, a, h, w)
     s = w + FOUR
-    for y in range(ONE, h + TWO + ONE):
-        a[y * s] = a[y * s + ONE]
-        a[y * s + w + TWO + ONE] = a[y * s + w + TWO]
+    for y in range(ONE, h + THREE):
+        row = a + y * s
+        m[row] = m[row + ONE]
+        m[row + w + THREE] = m[row + w + TWO]
+    bottom = a + (h + THREE) * s
     for x in range(s):
-        a[x] = a[s + x]
-        a[(h + TWO + ONE) * s + x] = a[(h + TWO) * s + x]
+        m[a + x] = m[a + s + x]
+        m[bottom + x] = m[bottom - s + x]
 
 
-@njit(cache=True, nogil=True)
-def load(image, a):
-    """Copy an (h, w) image into the plane `a` and fill its ring."""
+@njit(**INNER)
+def load(m, image, channel, a):
+    """Copy one channel of an (h, w, channels) image into plane `a`; what is not finite becomes 0."""
+    h = np.uint64(image.shape[0])
+    w = np.uint64(image.shape[1])
+    limit = np.float32(1e30)
+    for y in range(h):
+        row = a + (y + TWO) * (w + FOUR) + TWO
+        for x in range(w):
+            value = image[y, x, channel]
+            m[row + x] = value if abs(value) < limit else np.float32(0.0)
+    pad(m, a, h, w)
+
+
+@njit(**INNER)
+def store(m, a, image, channel):
+    """Copy plane `a` into one channel of an (h, w, channels) image."""
     h = np.uint64(image.shape[0])
     w = np.uint64(image.shape[1])
     for y in range(h):
-        i = (y + TWO) * (w + FOUR) + TWO
+        row = a + (y + TWO) * (w + FOUR) + TWO
         for x in range(w):
-            a[i + x] = image[y, x]
-    pad(a, h, w)
+            image[y, x, channel] = m[row + x]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def cube(a, b, fx, fy, ft, h, w):
+@njit(**INNER)
+def fill(m, a, value, h, w):
+    """Set plane `a`, ring and all."""
+    for k in range(a, a + (h + FOUR) * (w + FOUR)):
+        m[k] = value
+
+
+@njit(**INNER)
+def add(m, a, b, factor, h, w):
+    """Add `factor` times plane `b` to plane `a`, rings and all."""
+    d = b - a
+    for k in range(a, a + (h + FOUR) * (w + FOUR)):
+        m[k] += factor * m[k + d]
+
+
+@njit(**INNER)
+def cube(m, a, b, fx, fy, ft, h, w):
     """Average four first differences over the 2 × 2 × 2 cube (step 3 of the paper)."""
-    q = np.float32(0.25)
+    quarter = np.float32(0.25)
     s = w + FOUR
     for y in range(TWO, h + TWO):
         for k in range(y * s + TWO, y * s + w + TWO):
-            p00 = a[k] + b[k]
-            p01 = a[k + ONE] + b[k + ONE]
-            p10 = a[k + s] + b[k + s]
-            p11 = a[k + s + ONE] + b[k + s + ONE]
-            fx[k] = q * ((p01 - p00) + (p11 - p10))
-            fy[k] = q * ((p10 - p00) + (p11 - p01))
-            ft[k] = q * (
-                ((b[k] - a[k]) + (b[k + ONE] - a[k + ONE])) + ((b[k + s] - a[k + s]) + (b[k + s + ONE] - a[k + s + ONE]))
-            )
+            a00 = m[a + k]
+            a01 = m[a + k + ONE]
+            a10 = m[a + k + s]
+            a11 = m[a + k + s + ONE]
+            b00 = m[b + k]
+            b01 = m[b + k + ONE]
+            b10 = m[b + k + s]
+            b11 = m[b + k + s + ONE]
+            m[fx + k] = quarter * (((a01 - a00) + (a11 - a10)) + ((b01 - b00) + (b11 - b10)))
+            m[fy + k] = quarter * (((a10 - a00) + (a11 - a01)) + ((b10 - b00) + (b11 - b01)))
+            m[ft + k] = quarter * (((b00 - a00) + (b01 - a01)) + ((b10 - a10) + (b11 - a11)))
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def five_tap(a, b, fx, fy, ft, h, w):
+@njit(**INNER)
+def five_tap(m, a, b, fx, fy, ft, h, w):
     """Take the central differences of Barron, Fleet & Beauchemin (1994) on the mean of both frames; F_t = b − a."""
     near = np.float32(8.0 / 24.0)
     far = np.float32(1.0 / 24.0)
@@ -94,159 +137,185 @@ def five_tap(a, b, fx, fy, ft, h, w):
     d = s + s
     for y in range(TWO, h + TWO):
         for k in range(y * s + TWO, y * s + w + TWO):
-            fx[k] = near * ((a[k + ONE] + b[k + ONE]) - (a[k - ONE] + b[k - ONE])) - far * (
-                (a[k + TWO] + b[k + TWO]) - (a[k - TWO] + b[k - TWO])
+            p = a + k
+            q = b + k
+            m[fx + k] = near * ((m[p + ONE] - m[p - ONE]) + (m[q + ONE] - m[q - ONE])) - far * (
+                (m[p + TWO] - m[p - TWO]) + (m[q + TWO] - m[q - TWO])
             )
-            fy[k] = near * ((a[k + s] + b[k + s]) - (a[k - s] + b[k - s])) - far * (
-                (a[k + d] + b[k + d]) - (a[k - d] + b[k - d])
+            m[fy + k] = near * ((m[p + s] - m[p - s]) + (m[q + s] - m[q - s])) - far * (
+                (m[p + d] - m[p - d]) + (m[q + d] - m[q - d])
             )
-            ft[k] = b[k] - a[k]
+            m[ft + k] = m[q] - m[p]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def normalise(fx, fy, ft, mask, u, v, lam2, h, w):
+@njit(**INNER)
+def differentiate(m, a, b, fx, fy, ft, five, h, w):
+    """Take the derivatives of frames `a` and `b` by the 5-tap mask or the 2 × 2 × 2 cube."""
+    if five:
+        five_tap(m, a, b, fx, fy, ft, h, w)
+    else:
+        cube(m, a, b, fx, fy, ft, h, w)
+
+
+@njit(**INNER)
+def normalise(m, fx, fy, ft, mask, u, v, lam, h, w):
     """Turn derivatives into the sweep's coefficients g = F / √(λ² + F_x² + F_y²), in place.
 
     The data term is linearised about (u, v), so that the sweep solves for the whole flow; `mask` switches it off.
     """
+    lam2 = lam * lam
     s = w + FOUR
     for y in range(TWO, h + TWO):
         for k in range(y * s + TWO, y * s + w + TWO):
-            x_slope = fx[k]
-            y_slope = fy[k]
-            scale = mask[k] / np.sqrt(lam2 + x_slope * x_slope + y_slope * y_slope)
-            ft[k] = (ft[k] - x_slope * u[k] - y_slope * v[k]) * scale
-            fx[k] = x_slope * scale
-            fy[k] = y_slope * scale
+            x_slope = m[fx + k]
+            y_slope = m[fy + k]
+            scale = m[mask + k] / np.sqrt(lam2 + (x_slope * x_slope + y_slope * y_slope))
+            m[ft + k] = (m[ft + k] - x_slope * m[u + k] - y_slope * m[v + k]) * scale
+            m[fx + k] = x_slope * scale
+            m[fy + k] = y_slope * scale
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def sweep(u, v, un, vn, gx, gy, gt, omega, h, w):
-    """Do one Jacobi sweep, accelerated by `omega`: new = (1 − ω) old new + ω Jacobi(u, v)."""
+@njit(**INNER)
+def sweep(m, u, v, un, vn, gx, gy, gt, c_old, c_here, c_jacobi, h, w):
+    """Do one sweep: new = c_old · new + c_here · (u, v) + c_jacobi · Jacobi(u, v), with the equations of the paper."""
     sixth = np.float32(1.0 / 6.0)
     twelfth = np.float32(1.0 / 12.0)
-    rest = np.float32(1.0) - omega
     s = w + FOUR
     for y in range(TWO, h + TWO):
         for k in range(y * s + TWO, y * s + w + TWO):
-            ub = sixth * ((u[k - s] + u[k + s]) + (u[k - ONE] + u[k + ONE])) + twelfth * (
-                (u[k - s - ONE] + u[k - s + ONE]) + (u[k + s - ONE] + u[k + s + ONE])
+            p = u + k
+            n = p - s
+            o = p + s
+            ub = sixth * ((m[n] + m[o]) + (m[p - ONE] + m[p + ONE])) + twelfth * (
+                (m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE])
             )
-            vb = sixth * ((v[k - s] + v[k + s]) + (v[k - ONE] + v[k + ONE])) + twelfth * (
-                (v[k - s - ONE] + v[k - s + ONE]) + (v[k + s - ONE] + v[k + s + ONE])
+            q = v + k
+            n = q - s
+            o = q + s
+            vb = sixth * ((m[n] + m[o]) + (m[q - ONE] + m[q + ONE])) + twelfth * (
+                (m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE])
             )
-            t = gx[k] * ub + gy[k] * vb + gt[k]
-            un[k] = rest * un[k] + omega * (ub - gx[k] * t)
-            vn[k] = rest * vn[k] + omega * (vb - gy[k] * t)
-    edge(un, h, w)
-    edge(vn, h, w)
+            t = m[gx + k] * ub + m[gy + k] * vb + m[gt + k]
+            m[un + k] = c_old * m[un + k] + c_here * m[p] + c_jacobi * (ub - m[gx + k] * t)
+            m[vn + k] = c_old * m[vn + k] + c_here * m[q] + c_jacobi * (vb - m[gy + k] * t)
+    edge(m, un, h, w)
+    edge(m, vn, h, w)
 
 
-@njit(cache=True, nogil=True)
-def sweeps(u, v, un, vn, gx, gy, gt, iterations, rho, h, w):
-    """Run `iterations` sweeps with Chebyshev's weights for a spectral radius `rho` (0: plain Jacobi).
+@njit(**INNER)
+def sweeps(m, u, v, un, vn, gx, gy, gt, iterations, rho, h, w):
+    """Run `iterations` sweeps: plain Jacobi for `rho` 0, else with Chebyshev's weights for a spectrum in [−1/3, ρ].
 
-    The result is in (u, v) when `iterations` is even, else in (un, vn).
+    Planes (u, v) and (un, vn) take turns: the result is in (u, v) when `iterations` is even, else in (un, vn).
     """
-    omega = np.float32(1.0)
-    quarter = rho * rho * np.float32(0.25)
+    one = np.float32(1.0)
+    relax = one
+    radius = np.float32(0.0)
+    if rho > radius:
+        low = np.float32(-1.0 / 3.0)
+        relax = np.float32(2.0) / (np.float32(2.0) - low - rho)
+        radius = (rho - low) / (np.float32(2.0) - low - rho)
+    quarter = np.float32(0.25) * radius * radius
+    omega = one
     for i in range(iterations):
-        if i % 2 == 0:
-            sweep(u, v, un, vn, gx, gy, gt, omega, h, w)
+        sweep(m, u, v, un, vn, gx, gy, gt, one - omega, omega * (one - relax), omega * relax, h, w)
+        u, un = un, u
+        v, vn = vn, v
+        if i == 0:
+            omega = one / (one - quarter - quarter)
         else:
-            sweep(un, vn, u, v, gx, gy, gt, omega, h, w)
-        omega = np.float32(1.0) / (np.float32(1.0) - quarter * omega * (np.float32(2.0) if i == 0 else np.float32(1.0)))
+            omega = one / (one - quarter * omega)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def resample(a, h, w, b, hb, wb, gain, taps, row, blurred):
-    """Bilinear, centre-aligned resize of plane `a` to `b`, times `gain`, after a 5-tap blur by `taps` (centre, ±1, ±2)."""
+@njit(**INNER)
+def resample(m, a, h, w, b, hb, wb, gain, c0, c1, c2, row):
+    """Resize plane `a` to plane `b` (centre-aligned, bilinear), times `gain`, after a blur by (c2, c1, c0, c1, c2).
+
+    Only rows and columns that are used are blurred. `row` names room for two rows of `a`.
+    """
     s = w + FOUR
-    sb = wb + FOUR
     half = np.float32(0.5)
+    start = np.float32(1.5)  # half a pixel less than the ring
     step_y = np.float32(h) / np.float32(hb)
     step_x = np.float32(w) / np.float32(wb)
+    out = row + s
     for y in range(hb):
-        p = (np.float32(y) + half) * step_y + np.float32(1.5)
-        i = np.uint64(p)
+        p = (np.float32(y) + half) * step_y + start
+        i = np.uint64(np.int64(p))
         f = (p - np.float32(i)) * gain
         g = gain - f
-        if taps[1] == 0.0:
+        k = a + i * s
+        if c1 == np.float32(0.0):
             for x in range(s):
-                blurred[x] = g * a[i * s + x] + f * a[(i + ONE) * s + x]
+                m[out + x] = g * m[k + x] + f * m[k + s + x]
         else:
-            c0 = g * taps[2]
-            c1 = g * taps[1] + f * taps[2]
-            c2 = g * taps[0] + f * taps[1]
-            c3 = g * taps[1] + f * taps[0]
-            c4 = g * taps[2] + f * taps[1]
-            c5 = f * taps[2]
-            k = (i - TWO) * s
+            k -= s + s
+            t0 = g * c2
+            t1 = g * c1 + f * c2
+            t2 = g * c0 + f * c1
+            t3 = g * c1 + f * c0
+            t4 = g * c2 + f * c1
+            t5 = f * c2
             for x in range(s):
-                row[x] = (
-                    c0 * a[k + x]
-                    + c1 * a[k + s + x]
-                    + c2 * a[k + TWO * s + x]
-                    + c3 * a[k + (TWO + ONE) * s + x]
-                    + c4 * a[k + FOUR * s + x]
-                    + c5 * a[k + (FOUR + ONE) * s + x]
+                q = k + x
+                m[row + x] = (t0 * m[q] + t1 * m[q + s] + t2 * m[q + TWO * s]) + (
+                    t3 * m[q + THREE * s] + t4 * m[q + FOUR * s] + t5 * m[q + FIVE * s]
                 )
-            for x in range(TWO, w + TWO):
-                blurred[x] = (
-                    taps[0] * row[x] + taps[1] * (row[x - ONE] + row[x + ONE]) + taps[2] * (row[x - TWO] + row[x + TWO])
-                )
-        k = (y + TWO) * sb + TWO
+            for q in range(row + TWO, row + TWO + w):
+                m[q + s] = c0 * m[q] + c1 * (m[q - ONE] + m[q + ONE]) + c2 * (m[q - TWO] + m[q + TWO])
+        k = b + (y + TWO) * (wb + FOUR) + TWO
         for x in range(wb):
-            p = (np.float32(x) + half) * step_x + np.float32(1.5)
+            p = (np.float32(x) + half) * step_x + start
             j = np.uint64(np.int64(p))
-            f = p - np.float32(j)
-            b[k + x] = blurred[j] + f * (blurred[j + ONE] - blurred[j])
-    pad(b, hb, wb)
+            left = m[out + j]
+            m[k + x] = left + (p - np.float32(j)) * (m[out + j + ONE] - left)
+    pad(m, b, hb, wb)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def warp(a, b, u, v, warped, mask, h, w):
-    """Sample `b` at (x + u, y + v) with Keys' bicubic kernel (a = −1/2); outside the frame take `a` and mask 0."""
+@njit(**INNER)
+def warp(m, a, b, u, v, warped, mask, h, w):
+    """Sample plane `b` at (x + u, y + v) with Keys' bicubic kernel (−1/2); outside the frame take `a` and mask 0."""
+    zero = np.float32(0.0)
     one = np.float32(1.0)
     half = np.float32(0.5)
-    two = np.float32(2.0)
+    c2 = np.float32(2.5)
+    c3 = np.float32(1.5)
     s = w + FOUR
     right = np.float32(w - ONE)
     bottom = np.float32(h - ONE)
     for y in range(h):
         k = (y + TWO) * s + TWO
         for x in range(w):
-            px = np.float32(x) + u[k + x]
-            py = np.float32(y) + v[k + x]
-            if px >= np.float32(0.0) and px <= right and py >= np.float32(0.0) and py <= bottom:
+            px = np.float32(x) + m[u + k + x]
+            py = np.float32(y) + m[v + k + x]
+            if px >= zero and px <= right and py >= zero and py <= bottom:
                 j = np.uint64(np.int64(px))
                 i = np.uint64(np.int64(py))
                 t = px - np.float32(j)
                 r = one - t
                 x0 = -half * t * r * r
+                x1 = one - t * t * (c2 - c3 * t)
+                x2 = one - r * r * (c2 - c3 * r)
                 x3 = -half * r * t * t
-                x1 = one - t * t * (two + half - (one + half) * t)
-                x2 = one - r * r * (two + half - (one + half) * r)
                 t = py - np.float32(i)
                 r = one - t
-                y0 = -half * t * r * r
-                y3 = -half * r * t * t
-                y1 = one - t * t * (two + half - (one + half) * t)
-                y2 = one - r * r * (two + half - (one + half) * r)
-                n = (i + ONE) * s + j + ONE
-                r0 = x0 * b[n] + x1 * b[n + ONE] + x2 * b[n + TWO] + x3 * b[n + TWO + ONE]
-                n += s
-                r1 = x0 * b[n] + x1 * b[n + ONE] + x2 * b[n + TWO] + x3 * b[n + TWO + ONE]
-                n += s
-                r2 = x0 * b[n] + x1 * b[n + ONE] + x2 * b[n + TWO] + x3 * b[n + TWO + ONE]
-                n += s
-                r3 = x0 * b[n] + x1 * b[n + ONE] + x2 * b[n + TWO] + x3 * b[n + TWO + ONE]
-                warped[k + x] = y0 * r0 + y1 * r1 + y2 * r2 + y3 * r3
-                mask[k + x] = one
+                n0 = b + (i + ONE) * s + j + ONE
+                n1 = n0 + s
+                n2 = n1 + s
+                n3 = n2 + s
+                m[warped + k + x] = (
+                    -half * t * r * r * (x0 * m[n0] + x1 * m[n0 + ONE] + x2 * m[n0 + TWO] + x3 * m[n0 + THREE])
+                    + (one - t * t * (c2 - c3 * t))
+                    * (x0 * m[n1] + x1 * m[n1 + ONE] + x2 * m[n1 + TWO] + x3 * m[n1 + THREE])
+                    + (one - r * r * (c2 - c3 * r))
+                    * (x0 * m[n2] + x1 * m[n2 + ONE] + x2 * m[n2 + TWO] + x3 * m[n2 + THREE])
+                    - half * r * t * t * (x0 * m[n3] + x1 * m[n3 + ONE] + x2 * m[n3 + TWO] + x3 * m[n3 + THREE])
+                )
+                m[mask + k + x] = one
             else:
-                warped[k + x] = a[k + x]
-                mask[k + x] = np.float32(0.0)
-    pad(warped, h, w)
+                m[warped + k + x] = m[a + k + x]
+                m[mask + k + x] = zero
+    pad(m, warped, h, w)
 
 
 def median_of(radius: int) -> Any:
@@ -257,7 +326,7 @@ def median_of(radius: int) -> Any:
     """
 
     @intrinsic  # type: ignore[untyped-decorator]
-    def median_at(typing_context: Any, a: Any, k: Any, stride: Any) -> Any:
+    def median_at(typing_context: Any, m: Any, k: Any, stride: Any) -> Any:
         def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
             data = make_array(signature.args[0])(context, builder, arguments[0]).data
             values = []
@@ -273,7 +342,7 @@ def median_of(radius: int) -> Any:
                 values[j] = builder.select(less, high, low)
             return values[len(values) // 2]
 
-        return types.float32(a, types.uint64, types.uint64), emit
+        return types.float32(m, types.uint64, types.uint64), emit
 
     return median_at
 
@@ -297,233 +366,150 @@ median_3x3_at = median_of(1)
 median_5x5_at = median_of(2)
 
 
-@njit(cache=True, nogil=True)
-def median_3x3(a, b, h, w):
-    """Write the 3 × 3 median of `a` (ring filled) to `b`."""
+@njit(**INNER)
+def median_filter(m, a, b, size, h, w):
+    """Write the median of plane `a` over `size` × `size` pixels (3 or 5) to plane `b`."""
+    pad(m, a, h, w)
     s = w + FOUR
+    d = b - a
     for y in range(TWO, h + TWO):
-        for k in range(y * s + TWO, y * s + w + TWO):
-            b[k] = median_3x3_at(a, k, s)
+        row = a + y * s + TWO
+        if size == 3:
+            for k in range(row, row + w):
+                m[k + d] = median_3x3_at(m, k, s)
+        else:
+            for k in range(row, row + w):
+                m[k + d] = median_5x5_at(m, k, s)
+    pad(m, b, h, w)
 
 
-@njit(cache=True, nogil=True)
-def median_5x5(a, b, h, w):
-    """Write the 5 × 5 median of `a` (ring filled) to `b`."""
-    s = w + FOUR
-    for y in range(TWO, h + TWO):
-        for k in range(y * s + TWO, y * s + w + TWO):
-            b[k] = median_5x5_at(a, k, s)
-
-
-@njit(cache=True, nogil=True)
-def smooth(a, b, size, h, w):
-    """Median of `a` of the given size (3 or 5) into `b`, ring filled."""
-    if size == 3:
-        pad(a, h, w)
-        median_3x3(a, b, h, w)
-    else:
-        pad(a, h, w)
-        median_5x5(a, b, h, w)
-    pad(b, h, w)
-
-
-@njit(cache=True, nogil=True)
-def view(work, first, h, w):
-    """Plane of h × w pixels that starts at element `first` of the workspace."""
-    return work[first : first + (h + np.int64(4)) * (w + np.int64(4))]
-
-
-@njit(cache=True, nogil=True)
-def split(flow, a, b):
-    """Copy a flow (h, w, 2) into the planes `a` and `b`."""
-    h = np.uint64(flow.shape[0])
-    w = np.uint64(flow.shape[1])
-    for y in range(h):
-        i = (y + TWO) * (w + FOUR) + TWO
-        for x in range(w):
-            a[i + x] = flow[y, x, 0]
-            b[i + x] = flow[y, x, 1]
-    pad(a, h, w)
-    pad(b, h, w)
-
-
-@njit(cache=True, nogil=True)
-def join(a, b, flow):
-    """Copy the planes `a` and `b` into a flow (h, w, 2)."""
-    h = np.uint64(flow.shape[0])
-    w = np.uint64(flow.shape[1])
-    for y in range(h):
-        i = (y + TWO) * (w + FOUR) + TWO
-        for x in range(w):
-            flow[y, x, 0] = a[i + x]
-            flow[y, x, 1] = b[i + x]
-
-
-@njit(cache=True, nogil=True)
-def add_scaled(a, b, factor):
-    """Add `factor` times `b` to `a`."""
-    for k in range(a.size):
-        a[k] += factor * b[k]
-
-
-@njit(cache=True, nogil=True)
-def coarse_to_fine(frame0, frame1, flow, started, sizes, work, five, warps, iterations, rho, median, lam, taps, none):
+@njit(**OUTER)
+def coarse_to_fine(
+    frame0, frame1, flow, started, sizes, m, five, warps, iterations, rho, median, lam, c0, c1, c2
+):  # fmt: skip
     """Estimate the flow level by level, the coarsest first; `flow` holds the start field and takes the result.
 
     `sizes` is (levels, 2): height and width of each level, the finest first. With a start field each level warps
     by its reduced copy plus the increment found so far, so its detail is not lost on the way through the levels.
     """
-    levels = sizes.shape[0]
+    zero = np.float32(0.0)
     one = np.float32(1.0)
-    first = 0
-    n0 = (sizes[0, 0] + 4) * (sizes[0, 1] + 4)
-    h0 = sizes[0, 0]
-    w0 = sizes[0, 1]
-    u = view(work, 0, h0, w0)
-    v = view(work, n0, h0, w0)
-    un = view(work, 2 * n0, h0, w0)
-    vn = view(work, 3 * n0, h0, w0)
-    fx = view(work, 4 * n0, h0, w0)
-    fy = view(work, 5 * n0, h0, w0)
-    ft = view(work, 6 * n0, h0, w0)
-    warped = view(work, 7 * n0, h0, w0)
-    mask = view(work, 8 * n0, h0, w0)
-    row = view(work, 9 * n0, 0, w0)
-    blurred = view(work, 9 * n0 + 4 * w0 + 16, 0, w0)
-    base = 9 * n0 + 8 * w0 + 32
-    planes = 4 if started else 2
-
-    first = base
-    load(frame0, view(work, first, h0, w0))
-    load(frame1, view(work, first + n0, h0, w0))
+    h = sizes[0, 0]
+    w = sizes[0, 1]
+    size = (h + FOUR) * (w + FOUR)
+    u = ZERO
+    v = u + size
+    un = v + size
+    vn = un + size
+    fx = vn + size
+    fy = fx + size
+    ft = fy + size
+    warped = ft + size
+    mask = warped + size
+    row = mask + size
+    pyramid = row + TWO * (w + FOUR)  # per level: frame 0, frame 1, start u, start v
+    load(m, frame0, ZERO, pyramid)
+    load(m, frame1, ZERO, pyramid + size)
+    planes = TWO
     if started:
-        split(flow, view(work, first + 2 * n0, h0, w0), view(work, first + 3 * n0, h0, w0))
-    for level in range(1, levels):
-        hf = sizes[level - 1, 0]
-        wf = sizes[level - 1, 1]
+        planes = FOUR
+        load(m, flow, ZERO, pyramid + TWO * size)
+        load(m, flow, ONE, pyramid + THREE * size)
+
+    top = np.uint64(sizes.shape[0]) - ONE
+    for level in range(top):
         h = sizes[level, 0]
         w = sizes[level, 1]
-        fine = (hf + 4) * (wf + 4)
-        coarse = (h + 4) * (w + 4)
-        second = first + planes * fine
+        hc = sizes[level + ONE, 0]
+        wc = sizes[level + ONE, 1]
+        size = (h + FOUR) * (w + FOUR)
+        coarse = pyramid + planes * size
+        gain = one
         for i in range(planes):
-            gain = one
-            if i == 2:
-                gain = np.float32(w) / np.float32(wf)
-            if i == 3:
-                gain = np.float32(h) / np.float32(hf)
-            a = view(work, first + i * fine, hf, wf)
-            b = view(work, second + i * coarse, h, w)
-            resample(a, np.uint64(hf), np.uint64(wf), b, np.uint64(h), np.uint64(w), gain, taps, row, blurred)
-        first = second
+            if i == TWO:
+                gain = np.float32(wc) / np.float32(w)
+            if i == THREE:
+                gain = np.float32(hc) / np.float32(h)
+            resample(m, pyramid + i * size, h, w, coarse + i * (hc + FOUR) * (wc + FOUR), hc, wc, gain, c0, c1, c2, row)
+        pyramid = coarse
 
-    for level in range(levels - 1, -1, -1):
+    for i in range(top + ONE):
+        level = top - i
         h = sizes[level, 0]
         w = sizes[level, 1]
-        n = (h + 4) * (w + 4)
-        uh = np.uint64(h)
-        uw = np.uint64(w)
-        a = view(work, first, h, w)
-        b = view(work, first + n, h, w)
-        if level == levels - 1:
-            u[:n] = np.float32(0.0)
-            v[:n] = np.float32(0.0)
+        size = (h + FOUR) * (w + FOUR)
+        if i == ZERO:
+            fill(m, u, zero, h, w)
+            fill(m, v, zero, h, w)
         else:
-            hc = sizes[level + 1, 0]
-            wc = sizes[level + 1, 1]
-            resample(u, np.uint64(hc), np.uint64(wc), un, uh, uw, np.float32(w) / np.float32(wc), none, row, blurred)
-            resample(v, np.uint64(hc), np.uint64(wc), vn, uh, uw, np.float32(h) / np.float32(hc), none, row, blurred)
-            u, un = un, u
-            v, vn = vn, v
+            pyramid -= planes * size
+            gain = np.float32(w) / np.float32(wc)
+            for j in range(TWO):
+                resample(m, u, hc, wc, un, h, w, gain, one, zero, zero, row)
+                gain = np.float32(h) / np.float32(hc)
+                u, v, un, vn = v, un, vn, u  # after both turns: new u, new v, old u, old v
         if started:
-            add_scaled(u[:n], view(work, first + 2 * n, h, w), one)
-            add_scaled(v[:n], view(work, first + 3 * n, h, w), one)
+            add(m, u, pyramid + TWO * size, one, h, w)
+            add(m, v, pyramid + THREE * size, one, h, w)
         for _ in range(warps):
-            warp(a, b, u, v, warped, mask, uh, uw)
-            if five:
-                five_tap(a, warped, fx, fy, ft, uh, uw)
-            else:
-                cube(a, warped, fx, fy, ft, uh, uw)
-            normalise(fx, fy, ft, mask, u, v, lam * lam, uh, uw)
-            un[:n] = u[:n]
-            vn[:n] = v[:n]
-            sweeps(u, v, un, vn, fx, fy, ft, iterations, rho, uh, uw)
+            warp(m, pyramid, pyramid + size, u, v, warped, mask, h, w)
+            differentiate(m, pyramid, warped, fx, fy, ft, five, h, w)
+            normalise(m, fx, fy, ft, mask, u, v, lam, h, w)
+            sweeps(m, u, v, un, vn, fx, fy, ft, iterations, rho, h, w)
             if iterations % 2 == 1:
-                u, un = un, u
-                v, vn = vn, v
+                u, v, un, vn = un, vn, u, v
             if median > 1:
-                smooth(u, un, median, uh, uw)
-                smooth(v, vn, median, uh, uw)
-                u, un = un, u
-                v, vn = vn, v
-        if started and level > 0:
-            add_scaled(u[:n], view(work, first + 2 * n, h, w), -one)
-            add_scaled(v[:n], view(work, first + 3 * n, h, w), -one)
-        if level > 0:
-            first -= planes * (sizes[level - 1, 0] + 4) * (sizes[level - 1, 1] + 4)
-    join(u, v, flow)
+                median_filter(m, u, un, median, h, w)
+                median_filter(m, v, vn, median, h, w)
+                u, v, un, vn = un, vn, u, v
+        if started and level > ZERO:
+            add(m, u, pyramid + TWO * size, -one, h, w)
+            add(m, v, pyramid + THREE * size, -one, h, w)
+        hc = h
+        wc = w
+    store(m, u, flow, ZERO)
+    store(m, v, flow, ONE)
 
 
-@njit(cache=True, nogil=True)
-def derivatives_of(frame0, frame1, five, out, work):
-    """Write F_x, F_y, F_t of two (h, w) frames to `out` (3, h, w)."""
-    h = frame0.shape[0]
-    w = frame0.shape[1]
-    n = (h + 4) * (w + 4)
-    a = view(work, 0, h, w)
-    b = view(work, n, h, w)
-    load(frame0, a)
-    load(frame1, b)
-    uh = np.uint64(h)
-    uw = np.uint64(w)
-    fx = view(work, 2 * n, h, w)
-    fy = view(work, 3 * n, h, w)
-    ft = view(work, 4 * n, h, w)
-    if five:
-        five_tap(a, b, fx, fy, ft, uh, uw)
-    else:
-        cube(a, b, fx, fy, ft, uh, uw)
-    for y in range(h):
-        for x in range(w):
-            k = (y + 2) * (w + 4) + x + 2
-            out[0, y, x] = fx[k]
-            out[1, y, x] = fy[k]
-            out[2, y, x] = ft[k]
+@njit(**OUTER)
+def write_derivatives(frame0, frame1, five, out, m):
+    """Write F_x, F_y, F_t of two (h, w, 1) frames to `out`, (h, w, 3)."""
+    h = np.uint64(frame0.shape[0])
+    w = np.uint64(frame0.shape[1])
+    size = (h + FOUR) * (w + FOUR)
+    fx = TWO * size
+    load(m, frame0, ZERO, ZERO)
+    load(m, frame1, ZERO, size)
+    differentiate(m, ZERO, size, fx, fx + size, fx + TWO * size, five, h, w)
+    for i in range(THREE):
+        store(m, fx + i * size, out, i)
 
 
-@njit(cache=True, nogil=True)
-def jacobi(frame0, frame1, flow, work, five, iterations, rho, lam):
-    """Run the sweeps of the 1981 paper at full resolution, from the field in `flow`, which takes the result."""
-    h = frame0.shape[0]
-    w = frame0.shape[1]
-    n = (h + 4) * (w + 4)
-    uh = np.uint64(h)
-    uw = np.uint64(w)
-    a = view(work, 0, h, w)
-    b = view(work, n, h, w)
-    load(frame0, a)
-    load(frame1, b)
-    fx = view(work, 2 * n, h, w)
-    fy = view(work, 3 * n, h, w)
-    ft = view(work, 4 * n, h, w)
-    mask = view(work, 5 * n, h, w)
-    u = view(work, 6 * n, h, w)
-    v = view(work, 7 * n, h, w)
-    un = view(work, 0, h, w)
-    vn = view(work, n, h, w)
-    if five:
-        five_tap(a, b, fx, fy, ft, uh, uw)
-    else:
-        cube(a, b, fx, fy, ft, uh, uw)
-    mask[:] = np.float32(1.0)
-    u[:] = np.float32(0.0)
-    v[:] = np.float32(0.0)
-    normalise(fx, fy, ft, mask, u, v, lam * lam, uh, uw)
-    split(flow, u, v)
-    un[:] = u
-    vn[:] = v
-    sweeps(u, v, un, vn, fx, fy, ft, iterations, rho, uh, uw)
+@njit(**OUTER)
+def jacobi(frame0, frame1, flow, m, five, iterations, lam):
+    """Run the sweeps of the paper at full resolution, from the field in `flow`, which takes the result."""
+    h = np.uint64(frame0.shape[0])
+    w = np.uint64(frame0.shape[1])
+    size = (h + FOUR) * (w + FOUR)
+    u = ZERO
+    v = u + size
+    un = v + size
+    vn = un + size
+    fx = vn + size
+    fy = fx + size
+    ft = fy + size
+    mask = ft + size
+    load(m, frame0, ZERO, u)
+    load(m, frame1, ZERO, v)
+    differentiate(m, u, v, fx, fy, ft, five, h, w)
+    fill(m, mask, np.float32(1.0), h, w)
+    fill(m, u, np.float32(0.0), h, w)
+    fill(m, v, np.float32(0.0), h, w)
+    normalise(m, fx, fy, ft, mask, u, v, lam, h, w)
+    load(m, flow, ZERO, u)
+    load(m, flow, ONE, v)
+    sweeps(m, u, v, un, vn, fx, fy, ft, iterations, np.float32(0.0), h, w)
     if iterations % 2 == 1:
-        join(un, vn, flow)
-    else:
-        join(u, v, flow)
+        u, v = un, vn
+    store(m, u, flow, ZERO)
+    store(m, v, flow, ONE)
