@@ -59,13 +59,17 @@ def coverage(outline: NDArray[np.float64], x0: int, y0: int, width: int, height:
     return np.clip(np.abs(total), 0.0, 1.0).astype(np.float32)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Skin:
     """Painted picture of an actor, `density` texels per px, centred on it."""
 
     image: Image
     morph: Image | None
     density: float
+
+    @cached_property
+    def mean(self) -> Image:
+        return np.asarray(self.image.mean(axis=(0, 1)), dtype=np.float32)
 
     def colour(self, x: NDArray[np.float64], y: NDArray[np.float64], s: float) -> Image:
         column = x * self.density + self.image.shape[1] / 2.0 - 0.5
@@ -194,7 +198,10 @@ class _Painter:
     def _colour(self, index: int, pose: PartPose, x: NDArray[np.float64], y: NDArray[np.float64], t: float) -> Image:
         s = self.spec.fraction(t)
         own_x, own_y = pose.own(x, y)
-        colour = self.skins[index].colour(*pose.inverse(own_x, own_y), s) * np.array(pose.part.colour, np.float32)
+        colour = self.skins[index].colour(*pose.inverse(own_x, own_y), s)
+        if pose.part.tone is not None:
+            colour = np.array(pose.part.tone, np.float32) + (colour - self.skins[index].mean) * np.float32(0.5)
+        colour = colour * np.float32(pose.part.shade)
         half_w, half_h = pose.actor.size[0] / 2.0, pose.actor.size[1] / 2.0
         u, v = (own_x / half_w).astype(np.float32), (own_y / half_h).astype(np.float32)
         for effect in pose.actor.surface:

@@ -36,13 +36,16 @@ class Part:
         Simple polygon at rest, px round the thing's centre.
     pose : callable
         Phase (turns of the gait) -> (2, 3) affine map from rest to the thing's own coordinates.
-    colour : tuple of 3 floats
-        Factor on the texture's blue, green and red.
+    shade : float
+        Factor on the colour.
+    tone : tuple of 3 floats, optional
+        Blue, green, red of its own instead of the actor's; the texture's grain stays, at half strength.
     """
 
     outline: Points
     pose: Callable[[float], Affine] = _still
-    colour: Colour = (1.0, 1.0, 1.0)
+    shade: float = 1.0
+    tone: Colour | None = None
 
 
 def area(outline: Points) -> float:
@@ -135,7 +138,7 @@ def gear(width: float, height: float, seed: int) -> tuple[Part, ...]:
     teeth = 8 + seed % 5
     profile = np.concatenate([np.full(6, 1.0), np.full(6, 0.78)])
     wheel = _polar(np.tile(profile, teeth), width, height)
-    return Part(wheel), Part(_disc(0.0, 0.0, 0.16 * width, 0.16 * height, 32), colour=(0.35, 0.35, 0.4))
+    return Part(wheel), Part(_disc(0.0, 0.0, 0.16 * width, 0.16 * height, 32), tone=(58.0, 54.0, 52.0))
 
 
 def car(width: float, height: float, seed: int) -> tuple[Part, ...]:
@@ -150,8 +153,8 @@ def car(width: float, height: float, seed: int) -> tuple[Part, ...]:
     rear = np.array([[-0.53, -0.26], [-0.38, -0.78], [-0.12, -0.82], [-0.12, -0.26]])
     front = np.array([[-0.02, -0.26], [-0.02, -0.82], [0.17, -0.82], [0.4, -0.26]])
     scale = np.array([w, h])
-    glass = (0.55, 0.42, 0.34)
-    parts = [Part(body * scale), Part(rear * scale, colour=glass), Part(front * scale, colour=glass)]
+    glass = (74.0, 60.0, 48.0)
+    parts = [Part(body * scale), Part(rear * scale, tone=glass), Part(front * scale, tone=glass)]
     radius = 0.44 * h
     for x in (-0.58 * w, 0.6 * w):
         y = h - radius
@@ -159,9 +162,9 @@ def car(width: float, height: float, seed: int) -> tuple[Part, ...]:
         def roll(phase: float, x: float = x, y: float = y) -> Affine:
             return _turn_about(x, y, 2.0 * math.pi * phase)
 
-        spokes = np.concatenate([_disc(x, y, 0.5 * radius, 0.16 * radius, 16)])
-        parts.append(Part(_disc(x, y, radius, radius), roll, (0.18, 0.17, 0.17)))
-        parts.append(Part(spokes, roll, (0.9, 0.9, 0.9)))
+        spokes = _disc(x, y, 0.6 * radius, 0.2 * radius, 16)
+        parts.append(Part(_disc(x, y, radius, radius), roll, tone=(34.0, 32.0, 32.0)))
+        parts.append(Part(spokes, roll, tone=(176.0, 176.0, 178.0)))
     return tuple(parts)
 
 
@@ -169,12 +172,19 @@ def _limb(x: float, y: float, length: float, thickness: float) -> Points:
     return _round_box(x - thickness / 2, y - thickness / 3, x + thickness / 2, y + length, 0.45 * thickness)
 
 
+_TROUSERS: tuple[Colour, ...] = ((92.0, 62.0, 48.0), (54.0, 56.0, 62.0), (96.0, 120.0, 142.0), (70.0, 84.0, 64.0))
+_COMPLEXIONS: tuple[Colour, ...] = ((132.0, 164.0, 210.0), (86.0, 118.0, 168.0), (52.0, 74.0, 108.0))
+
+
 def walker(width: float, height: float, seed: int) -> tuple[Part, ...]:
-    """Person who walks to the right, seen from the side: limbs that swing about hip, knee, shoulder."""
+    """Person who walks to the right, seen from the side: limbs that swing about hip, knee, shoulder.
+
+    One turn of the gait is two steps, together 0.78 of the height long: walk at that pace, or the feet slide.
+    """
     h = height
     hip, neck, thick = 0.02 * h, -0.33 * h, 0.1 * h
-    thigh, shin, arm = 0.25 * h, 0.23 * h, 0.36 * h
-    trousers, skin, shirt = (0.5, 0.36, 0.3), (0.55, 0.68, 0.95), (1.0, 1.0, 1.0)
+    thigh, shin, arm = 0.25 * h, 0.23 * h, 0.3 * h
+    trousers, skin = _TROUSERS[seed % len(_TROUSERS)], _COMPLEXIONS[seed % len(_COMPLEXIONS)]
     reach = 0.42 * min(width / (0.5 * h), 1.0)
 
     def leg(offset: float, shade: float) -> list[Part]:
@@ -185,28 +195,29 @@ def walker(width: float, height: float, seed: int) -> tuple[Part, ...]:
             bend = reach * (0.55 + 0.55 * math.cos(2 * math.pi * (phase + offset)))
             return _chain(upper(phase), _turn_about(0.0, hip + thigh, bend))
 
-        colour = (trousers[0] * shade, trousers[1] * shade, trousers[2] * shade)
-        shoe = _round_box(
-            -0.45 * thick, hip + thigh + shin - 0.4 * thick, 1.0 * thick, hip + thigh + shin, 0.2 * thick
-        )
+        ankle = hip + thigh + shin
+        shoe = _round_box(-0.45 * thick, ankle - 0.4 * thick, 1.0 * thick, ankle, 0.2 * thick)
         return [
-            Part(shoe, lower, (0.2, 0.2, 0.22)),
-            Part(_limb(0.0, hip + thigh, shin - 0.1 * thick, 0.8 * thick), lower, colour),
-            Part(_limb(0.0, hip, thigh, thick), upper, colour),
+            Part(shoe, lower, shade, (38.0, 36.0, 36.0)),
+            Part(_limb(0.0, hip + thigh, shin - 0.1 * thick, 0.8 * thick), lower, shade, trousers),
+            Part(_limb(0.0, hip, thigh, thick), upper, shade, trousers),
         ]
 
-    def hand(offset: float, shade: float) -> Part:
-        def sway(phase: float) -> Affine:
-            return _turn_about(0.0, neck + 0.06 * h, -0.8 * reach * math.sin(2 * math.pi * (phase + offset)))
+    def sleeve(offset: float, shade: float) -> list[Part]:
+        shoulder = neck + 0.06 * h
 
-        return Part(_limb(0.0, neck + 0.05 * h, arm, 0.75 * thick), sway, (shirt[0] * shade, shirt[1] * shade, shade))
+        def sway(phase: float) -> Affine:
+            return _turn_about(0.0, shoulder, -0.9 * reach * math.sin(2 * math.pi * (phase + offset)))
+
+        palm = _disc(0.0, shoulder + arm, 0.36 * thick, 0.42 * thick, 16)
+        return [Part(palm, sway, shade, skin), Part(_limb(0.0, shoulder, arm, 0.72 * thick), sway, shade)]
 
     torso = _round_box(-0.85 * thick, neck, 0.85 * thick, hip + 0.05 * h, 0.5 * thick)
     head = _disc(0.02 * h, -0.42 * h, 0.065 * h, 0.08 * h)
     hair = _disc(0.005 * h, -0.455 * h, 0.066 * h, 0.045 * h)
     return (
-        hand(0.0, 0.7), *leg(0.5, 0.75), *leg(0.0, 1.0), Part(torso, colour=shirt), Part(head, colour=skin),
-        Part(hair, colour=(0.16, 0.2, 0.26)), hand(0.5, 0.88),
+        *sleeve(0.0, 0.65), *leg(0.5, 0.75), *leg(0.0, 1.0), Part(torso), Part(head, tone=skin),
+        Part(hair, tone=(34.0, 42.0, 54.0)), *sleeve(0.5, 0.85),
     )  # fmt: skip
 
 

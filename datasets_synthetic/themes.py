@@ -276,14 +276,15 @@ def _walker(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
     rightwards = spec.target.motion.path.start[0] < spec.target.motion.path.end[0]
     y = _uniform(rng, 120, 160)
     xs = (50.0, 270.0) if rightwards else (270.0, 50.0)
-    # Two steps of about 0.45 of the height per turn of the legs: feet that stay where they stand.
-    gait = round(220.0 / 89.0 / (0.55 * height), 4)
+    # A turn of the legs carries 0.78 of the height: feet that stay where they stand.
+    gait = round(220.0 / 89.0 / (0.78 * height), 4)
     target = Actor(
         "walker",
         (height / 2.0, height),
         Texture("speckle", 0.9, colour, seed=_seed(rng)),
         Motion(Path("line", (xs[0], y), (xs[1], y)), gait=gait),
         mirror=not rightwards,
+        seed=_seed(rng),
     )
     return _about(replace(spec, target=target), "articulated", "deformation")
 
