@@ -1,0 +1,212 @@
+"""What keeps a box carried by flow from drifting: keyframes, and a small correlation filter.
+
+A correlation filter (D. S. Bolme and others, "Visual object tracking using adaptive correlation filters", CVPR
+2010; several channels as in M. Danelljan and others, "Accurate scale estimation for robust visual tracking",
+BMVC 2014) says *where* in a window the object's surroundings look as they were learned; it is blind to scale and
+coarse. Keyframes are old patches of the object to which the dense flow registers the present one: that is exact,
+but only where the two overlap. :mod:`~hs_tracker_cv.propagation` uses the one to find and the other to hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["CorrelationFilter", "Peak", "correlation", "features", "find_peak", "hann", "learn", "respond", "train"]
+
+F32 = NDArray[np.float32]
+C64 = NDArray[np.complex64]
+
+_REGULARISATION = 1e-3
+
+
+@dataclass(frozen=True)
+class CorrelationFilter:
+    """A multi-channel correlation filter in the Fourier domain.
+
+    Parameters
+    ----------
+    target : ndarray, shape (h, w // 2 + 1), complex64
+        Transform of the wanted response: a Gaussian round zero displacement.
+    numerator : ndarray, shape (C, h, w // 2 + 1), complex64
+        Running mean of target × conjugate features.
+    energy : ndarray, shape (h, w // 2 + 1), float32
+        Running mean of the features' power, summed over the channels.
+    """
+
+    target: C64
+    numerator: C64
+    energy: F32
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the window, samples."""
+        return self.target.shape[0], 2 * (self.target.shape[1] - 1)
+
+
+def hann(height: int, width: int) -> F32:
+    """Raised-cosine window (height, width) that fades to the border, without zero rows."""
+    rows = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(height) + 0.5) / height)
+    columns = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(width) + 0.5) / width)
+    return np.outer(rows, columns).astype(np.float32)
+
+
+def features(gray: F32, likelihood: F32 | None, window: F32, kind: int = 0, raw: F32 | None = None) -> F32:
+    """Channels of the filter: log-gray, the gradient's direction, and the colour likelihood when there is one.
+
+    Parameters
+    ----------
+    gray : ndarray, shape (h, w), float32
+        0–255.
+    likelihood : ndarray, shape (h, w), float32, or None
+        Share of the object's colour in each sample, 0–1.
+    window : ndarray, shape (h, w), float32
+        Fading weights.
+
+    Returns
+    -------
+    ndarray, shape (C, h, w), float32
+        C is 3 or 4; each channel of zero mean under the window and about unit variance.
+    """
+    if kind >= 1:
+        return _features_b(gray, likelihood, window, kind, raw)
+    out = np.empty((3 if likelihood is None else 4, *gray.shape), np.float32)
+    light = cv2.log(gray + np.float32(8.0))
+    mean, deviation = cv2.meanStdDev(light)
+    out[0] = (light - mean[0, 0]) / (deviation[0, 0] + 0.05)
+    gx = cv2.Sobel(gray, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
+    gy = cv2.Sobel(gray, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+    length = cv2.magnitude(gx, gy)
+    typical = float(length.mean())
+    length += np.float32(0.5 * typical + 1.0)
+    np.divide(gx, length, out=out[1])
+    np.divide(gy, length, out=out[2])
+    out[1:3] *= np.float32(2.0)
+    if likelihood is not None:
+        np.subtract(likelihood, np.float32(likelihood.mean()), out=out[3])
+        out[3] *= np.float32(3.0)
+    out *= window
+    return out
+
+
+def train(channels: F32, sigma: float) -> CorrelationFilter:
+    """Learn a filter from one window.
+
+    Parameters
+    ----------
+    channels : ndarray, shape (C, h, w), float32
+        From :func:`features`; h and w even.
+    sigma : float
+        Width of the wanted response, samples.
+    """
+    height, width = channels.shape[1:]
+    y = np.minimum(np.arange(height), height - np.arange(height))
+    x = np.minimum(np.arange(width), width - np.arange(width))
+    wanted = np.exp(-(y[:, None] ** 2 + x[None, :] ** 2) / (2.0 * sigma * sigma)).astype(np.float32)
+    target = _transform(wanted)
+    spectrum = _transform(channels)
+    return CorrelationFilter(target, target * spectrum.conj(), _power(spectrum))
+
+
+def learn(old: CorrelationFilter, channels: F32, rate: float) -> CorrelationFilter:
+    """Return the filter with one more window mixed in at `rate` (0–1)."""
+    spectrum = _transform(channels)
+    rate32 = np.float32(rate)
+    keep = np.float32(1.0 - rate)
+    numerator = keep * old.numerator + (rate32 * old.target) * spectrum.conj()
+    return replace(old, numerator=numerator, energy=keep * old.energy + rate32 * _power(spectrum))
+
+
+def respond(filter_: CorrelationFilter, channels: F32) -> F32:
+    """Response of the filter: about 1 at the object's displacement from the window's centre.
+
+    Returns
+    -------
+    ndarray, shape (h, w), float32
+        Zero displacement is at ``[h // 2, w // 2]``.
+    """
+    spectrum = _transform(channels)
+    height, width = channels.shape[1:]
+    floor = np.float32(_REGULARISATION * channels.shape[0] * height * width)
+    product = (filter_.numerator * spectrum).sum(axis=0) / (filter_.energy + floor)
+    response = np.fft.irfft2(product, s=(height, width)).astype(np.float32)
+    return np.fft.fftshift(response)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Highest point of a response, with sub-sample displacement (dx, dy) from the centre, samples."""
+
+    dx: float
+    dy: float
+    height: float
+
+
+def find_peak(score: F32) -> Peak:
+    """Highest point of a score map whose zero displacement is at ``[h // 2, w // 2]``; parabolic sub-sample."""
+    _, _, _, (x, y) = cv2.minMaxLoc(score)
+    height, width = score.shape
+    dx, dy = float(x - width // 2), float(y - height // 2)
+    if 0 < x < width - 1:
+        dx += _vertex(float(score[y, x - 1]), float(score[y, x]), float(score[y, x + 1]))
+    if 0 < y < height - 1:
+        dy += _vertex(float(score[y - 1, x]), float(score[y, x]), float(score[y + 1, x]))
+    return Peak(dx, dy, float(score[y, x]))
+
+
+def correlation(a: F32, b: F32, weights: F32) -> float:
+    """Weighted cross-correlation of two patches of zero weighted mean, −1 to 1; `weights` sum to 1."""
+    wa = weights * a
+    aa, bb, ab = float(np.vdot(wa, a)), float(np.vdot(weights * b, b)), float(np.vdot(wa, b))
+    return ab / float(np.sqrt(aa * bb + 1e-6))
+
+
+def _transform(plane: F32) -> C64:
+    return np.fft.rfft2(plane).astype(np.complex64)
+
+
+def _power(spectrum: C64) -> F32:
+    return (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
+
+
+def _vertex(left: float, middle: float, right: float) -> float:
+    curve = left - 2.0 * middle + right
+    return 0.0 if curve >= 0.0 else min(max(0.5 * (left - right) / curve, -0.5), 0.5)
+
+
+def _features_b(gray, likelihood, window, kind, raw):
+    chans = []
+    light = cv2.log(gray + np.float32(8.0))
+    mean, deviation = cv2.meanStdDev(light)
+    chans.append((light - mean[0, 0]) / (deviation[0, 0] + 0.05))
+    gx = cv2.Sobel(gray, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
+    gy = cv2.Sobel(gray, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+    length = cv2.magnitude(gx, gy)
+    if kind & 1:  # local normalisation
+        length = cv2.blur(length, (5, 5)) + np.float32(0.1 * float(length.mean()) + 1.0)
+    else:
+        length += np.float32(0.5 * float(length.mean()) + 1.0)
+    nx, ny = gx / length * np.float32(1.5), gy / length * np.float32(1.5)
+    if kind & 2:
+        for a, b in ((1, 0), (0, 1), (0.7071, 0.7071), (0.7071, -0.7071)):
+            d = np.float32(a) * nx + np.float32(b) * ny
+            for e in (np.maximum(d, 0), np.maximum(-d, 0)):
+                e = cv2.blur(e, (3, 3))
+                chans.append(2 * (e - float(e.mean())))
+    else:
+        chans += [nx, ny]
+    if likelihood is not None:
+        chans.append((likelihood - np.float32(likelihood.mean())) * np.float32(3.0))
+    if kind & 4 and raw is not None and raw.shape[2] == 3:
+        total = raw.sum(axis=2) + np.float32(30)
+        for c in (0, 2):
+            r = raw[..., c] / total
+            chans.append((r - float(r.mean())) / np.float32(float(r.std()) + 0.02))
+    if kind & 8:
+        chans = chans[1:]
+    out = np.stack(chans).astype(np.float32)
+    out *= window
+    return out

@@ -1,0 +1,201 @@
+"""Compiled kernels of the propagation mode: patch sampling and the robust fit of a flow field.
+
+Arrays in, arrays out; no checks, no options: :mod:`~hs_tracker_cv.propagation` and
+:mod:`~hs_tracker_cv.anchor` call them with C-contiguous float32 arrays.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["fit_motion", "residual_weights", "sample"]
+
+F32 = NDArray[np.float32]
+
+_BINS = 512
+_BINS_PER_PX = 64.0
+
+
+@njit(cache=True, nogil=True)
+def _taps(centre: float, step: float, size: int, first: Any, weight: Any) -> None:
+    """Write, for each output sample, the first source pixel and the weights of the pixels it averages.
+
+    A sample is the mean of ``clip(round(step), 1, 4)`` bilinear reads spread evenly over the step, folded into one
+    short row of weights, so that columns and rows can be filtered one after the other.
+    """
+    count, length = weight.shape
+    sub = min(max(int(step + 0.5), 1), 4)
+    for i in range(count):
+        for k in range(length):
+            weight[i, k] = 0.0
+        middle = centre + (i - 0.5 * (count - 1)) * step
+        low = int(np.floor(middle - 0.5 * step * (sub - 1) / sub))
+        low = max(min(low, size - length), 0)
+        first[i] = low
+        for j in range(sub):
+            position = min(max(middle + ((j + 0.5) / sub - 0.5) * step, 0.0), size - 1.0)
+            whole = min(int(position), size - 2)
+            part = position - whole
+            weight[i, whole - low] += (1.0 - part) / sub
+            weight[i, whole + 1 - low] += part / sub
+
+
+@njit(cache=True, nogil=True)
+def sample(window: Any, cx: float, cy: float, step_x: float, step_y: float, out: Any) -> None:
+    """Sample a patch round a point; beyond the window its border is repeated.
+
+    Parameters
+    ----------
+    window : ndarray, shape (H, W, C), float32
+        At least ``step + 3`` pixels on each side.
+    cx, cy : float
+        Patch centre in pixel-index coordinates of `window` (pixel 0 is at 0.0).
+    step_x, step_y : float
+        Distance of neighbouring samples, px.
+    out : ndarray, shape (h, w, C), float32
+        Receives the patch.
+    """
+    height, width, channels = window.shape
+    rows, columns = out.shape[0], out.shape[1]
+    first_x = np.empty(columns, np.int64)
+    first_y = np.empty(rows, np.int64)
+    weight_x = np.empty((columns, int(step_x) + 3), np.float32)
+    weight_y = np.empty((rows, int(step_y) + 3), np.float32)
+    _taps(cx, step_x, width, first_x, weight_x)
+    _taps(cy, step_y, height, first_y, weight_y)
+    length_x, length_y = weight_x.shape[1], weight_y.shape[1]
+    start, stop = first_x[0] * channels, (first_x[columns - 1] + length_x) * channels
+    flat = window.reshape((height, width * channels))
+    line = np.empty(width * channels, np.float32)
+    for i in range(rows):
+        for j in range(start, stop):
+            line[j] = 0.0
+        for k in range(length_y):
+            w = weight_y[i, k]
+            if w != 0.0:
+                row = flat[first_y[i] + k]
+                for j in range(start, stop):
+                    line[j] += w * row[j]
+        for j in range(columns):
+            base = first_x[j] * channels
+            for c in range(channels):
+                total = np.float32(0.0)
+                for k in range(length_x):
+                    total += weight_x[j, k] * line[base + k * channels + c]
+                out[i, j, c] = total
+
+
+@njit(cache=True, nogil=True)
+def residual_weights(a: Any, b: Any, flow: Any, prior: Any, weight: Any) -> None:
+    """Weight of each pixel in the fit: textured, and explained by the flow.
+
+    ``weight = prior * G / (G + 30) / (1 + (res / 8)²)²`` with G the squared gradient of `a` and res the 3 × 3
+    mean of ``|b(x + flow) - a|``.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (H, W), float32
+        Normalised patches.
+    flow : ndarray, shape (H, W, 2), float32
+        Flow from `a` to `b`, samples.
+    prior : ndarray, shape (H, W), float32
+    weight : ndarray, shape (H, W), float32
+        Receives the weights.
+    """
+    height, width = a.shape
+    error = np.empty((height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            px = min(max(x + flow[y, x, 0], 0.0), width - 1.0)
+            py = min(max(y + flow[y, x, 1], 0.0), height - 1.0)
+            ix, iy = min(int(px), width - 2), min(int(py), height - 2)
+            fx, fy = px - ix, py - iy
+            top = b[iy, ix] + fx * (b[iy, ix + 1] - b[iy, ix])
+            bottom = b[iy + 1, ix] + fx * (b[iy + 1, ix + 1] - b[iy + 1, ix])
+            error[y, x] = abs(top + fy * (bottom - top) - a[y, x])
+    for y in range(height):
+        up, down = max(y - 1, 0), min(y + 1, height - 1)
+        for x in range(width):
+            left, right = max(x - 1, 0), min(x + 1, width - 1)
+            res = (
+                error[up, left] + error[up, x] + error[up, right]
+                + error[y, left] + error[y, x] + error[y, right]
+                + error[down, left] + error[down, x] + error[down, right]
+            ) / 9.0  # fmt: skip
+            gx = 0.5 * (a[y, right] - a[y, left])
+            gy = 0.5 * (a[down, x] - a[up, x])
+            strength = gx * gx + gy * gy
+            fair = 1.0 + (res / 8.0) * (res / 8.0)
+            weight[y, x] = prior[y, x] * strength / (strength + 30.0) / (fair * fair)
+
+
+@njit(cache=True, nogil=True)
+def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
+    """Fit ``u = tx + sx X, v = ty + sy Y`` to a flow field by iteratively re-weighted least squares.
+
+    X, Y are measured from the patch centre, in samples. Four rounds; every second pixel; Geman–McClure weights
+    with the scale set by the median residual.
+
+    Parameters
+    ----------
+    flow : ndarray, shape (H, W, 2), float32
+        Samples.
+    weight : ndarray, shape (H, W), float32
+        Prior weights, not negative.
+    motion : ndarray, shape (6,), float64
+        Receives tx, ty, sx, sy, the isotropic scale s and the median residual (samples).
+    """
+    height, width = weight.shape
+    mx, my = 0.5 * (width - 1), 0.5 * (height - 1)
+    histogram = np.zeros(_BINS, np.float64)
+    tx, ty, sx, sy, scale, median = 0.0, 0.0, 0.0, 0.0, 0.0, 8.0
+    for turn in range(4):
+        n = xu = yv = u1 = v1 = xw = yw = xx = yy = 1e-9
+        limit = 1.5 * max(0.05, 1.48 * median)
+        for i in range(_BINS):
+            histogram[i] = 0.0
+        for y in range(turn & 1, height, 2):
+            for x in range(0, width, 2):
+                w = weight[y, x]
+                if w <= 0.0:
+                    continue
+                px, py = x - mx, y - my
+                u, v = flow[y, x, 0], flow[y, x, 1]
+                if turn > 0:
+                    du, dv = u - tx - scale * px, v - ty - scale * py
+                    square = du * du + dv * dv
+                    fair = 1.0 + square / (limit * limit)
+                    histogram[min(int(np.sqrt(square) * _BINS_PER_PX), _BINS - 1)] += w
+                    w /= fair * fair
+                n += w
+                xw += w * px
+                yw += w * py
+                xx += w * px * px
+                yy += w * py * py
+                u1 += w * u
+                v1 += w * v
+                xu += w * px * u
+                yv += w * py * v
+        cxx, cyy = xx - xw * xw / n, yy - yw * yw / n
+        cxu, cyv = xu - xw * u1 / n, yv - yw * v1 / n
+        sx, sy = cxu / (cxx + 1e-6), cyv / (cyy + 1e-6)
+        scale = (cxu + cyv) / (cxx + cyy + 1e-6)
+        tx, ty = (u1 - scale * xw) / n, (v1 - scale * yw) / n
+        if turn > 0:
+            half = 0.0
+            for i in range(_BINS):
+                half += histogram[i]
+            half *= 0.5
+            running = 0.0
+            i = 0
+            while i < _BINS - 1 and running + histogram[i] < half:
+                running += histogram[i]
+                i += 1
+            median = (i + 0.5) / _BINS_PER_PX
+        else:
+            median = 1.0
+    motion[0], motion[1], motion[2], motion[3], motion[4], motion[5] = tx, ty, sx, sy, scale, median
