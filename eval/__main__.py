@@ -10,6 +10,8 @@ __all__ = ["COMMANDS", "main"]
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("eval.commands:run", "run trackers over a suite or data set"),
     "speed": ("eval.commands:speed", "time single updates, all trackers side by side"),
+    "bench": ("eval.commands:bench", "run, speed and report on one suite with every tracker"),
+    "check": ("eval.commands:check", "compare with the committed reference figures"),
     "report": ("eval.commands:report", "tables, plots and the HTML report from stored results"),
 }
 """Subcommand -> ("module:function", what it does). The function's signature is its command line (tyro)."""

@@ -11,10 +11,21 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from . import regression
+from .report import write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
 from .runner import Limits, make_jobs, measure_speed, run_jobs
 from .sequences import Sequence, SequenceError, load_dataset, load_suite
-from .tables import console_table, failure_table, overall_table, sequence_table, summarise_folder, write_tables
+from .tables import (
+    console_table,
+    failure_table,
+    format_cell,
+    overall_table,
+    sequence_table,
+    speed_text,
+    summarise_folder,
+    write_tables,
+)
 from .trackers import DEFAULT_TRACKERS, TrackerSpec, find_tracker
 
 __all__ = ["report", "run", "speed"]
@@ -107,16 +118,8 @@ def speed(
     source, found = _load(suite, dataset, sequences, None)
     folder = Folder(out / _folder_name(suite, dataset))
     folder.write_manifest(source, found)
-    with _progress() as progress:
-        task = progress.add_task(f"timing {len(specs)} trackers", total=len(found))
-
-        def done(measured: SpeedRun, reused: bool) -> None:
-            progress.advance(task)
-            for tracker, status in measured.status.items():
-                if status != COMPLETED:
-                    progress.console.print(f"[yellow]{tracker} on {measured.sequence}: {status}")
-
-        measure_speed(specs, found, folder, frames=frames, limits=Limits(timeout), report=done)
+    _speed_with_progress(specs, found, folder, frames, Limits(timeout))
+    _console.print(console_table(speed_text(folder.read_speeds()), "median ms per update"))
 
 
 def report(
@@ -125,6 +128,7 @@ def report(
     only: str | None = None,
     chosen: str = "TrackerHS",
     trackers: tuple[str, ...] | None = None,
+    videos: int = 3,
 ) -> None:
     """Turn stored results into tables, plots and a one-file HTML report. Runs no tracker.
 
@@ -138,6 +142,8 @@ def report(
         Tracker that is compared with the others.
     trackers
         Only these.
+    videos
+        Number of sequences with a playable video.
     """
     folders = [out / only] if only else sorted(path.parent for path in out.glob("*/run.json"))
     if not folders:
@@ -146,7 +152,60 @@ def report(
         folder = Folder(path)
         summary = summarise_folder(folder, chosen=chosen, trackers=None if trackers is None else list(trackers))
         write_tables(summary, path / "tables")
-        _console.print(console_table(overall_table(summary), summary.source, bold=chosen))
+        write_report(summary, folder, path / "report.html", videos=videos)
+        _console.print(console_table(overall_table(summary), summary.source, bold=summary.chosen))
+        _console.print(f"report: {(path / 'report.html').resolve()}", soft_wrap=True)
+
+
+def bench(*, suite: str = "standard", jobs: int = 2, out: _Out = Path("results")) -> None:
+    """Everything on one suite with every tracker: accuracy, speed, report.
+
+    Parameters
+    ----------
+    suite
+        Synthetic suite.
+    jobs
+        Processes at a time; speed is measured with one whatever this says.
+    out
+        Folder of the results.
+    """
+    specs = [find_tracker(name) for name in DEFAULT_TRACKERS]
+    source, found = _load(suite, None, (), None)
+    folder = Folder(out / suite)
+    folder.write_manifest(source, found)
+    _run_with_progress(specs, found, folder, jobs, Limits(), 0, False)
+    _speed_with_progress(specs, found, folder, 40, Limits(60.0))
+    report(out=out, only=suite)
+
+
+def check(*, suite: str = "smoke", tracker: str = "TrackerHS", jobs: int = 2, update: bool = False) -> int:
+    """Compare mean IoU with the committed reference figures; fails when it fell.
+
+    Parameters
+    ----------
+    suite
+        Synthetic suite.
+    tracker
+        Name, or pkg.module:factory.
+    jobs
+        Processes at a time.
+    update
+        Write the figures instead of comparing with them.
+    """
+    _, sequences = _load(suite, None, (), None)
+    path = regression.REFERENCE / f"{suite}.json"
+    measured = regression.measure(find_tracker(tracker), sequences, workers=jobs)
+    if update:
+        regression.update(path, tracker, measured)
+        _console.print(f"written: {path}")
+        return 0
+    comparison = regression.compare(path, tracker, measured)
+    texts = comparison.table.map(format_cell)
+    _console.print(console_table(texts, f"mean IoU of {tracker} on {suite}: {_VERDICTS[comparison.passed]}"))
+    return 0 if comparison.passed else 1
+
+
+_VERDICTS = {True: "passed", False: "FAILED"}
 
 
 def _load(
@@ -205,6 +264,21 @@ def _run_with_progress(
                     progress.console.print(f"[yellow]{finished.tracker} on {finished.sequence}: {finished.status}")
 
         run_jobs(jobs, folder, workers=workers, limits=limits, retry_failed=retry_failed, report=done)
+
+
+def _speed_with_progress(
+    specs: list[TrackerSpec], sequences: list[Sequence], folder: Folder, frames: int, limits: Limits
+) -> None:
+    with _progress() as progress:
+        task = progress.add_task(f"speed of {len(specs)} trackers", total=len(sequences))
+
+        def done(measured: SpeedRun, reused: bool) -> None:
+            progress.advance(task)
+            for tracker, status in measured.status.items():
+                if status != COMPLETED and not reused:
+                    progress.console.print(f"[yellow]{tracker} on {measured.sequence}: {status}")
+
+        measure_speed(specs, sequences, folder, frames=frames, limits=limits, report=done)
 
 
 def _print_summary(folder: Folder, trackers: list[str]) -> None:

@@ -355,6 +355,7 @@ def _as_run(
         "tracker": job.tracker.factory,
         "params": dict(job.tracker.params),
         "code": code_version(job.tracker),
+        "digest": job.sequence.digest,
     }
     return Run(
         key=key,

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from .metrics import METRICS, frame_scores, summarise
+from .metrics import METRICS, FrameScores, frame_scores, precision_curve, success_curve, summarise
 from .results import COMPLETED, Run, SpeedRun
 from .sequences import Sequence
 
 __all__ = [
+    "ScoredRun",
     "bootstrap_interval",
+    "calibration",
+    "curves",
     "differences",
     "overall",
     "per_attribute",
     "per_sequence",
-    "score_runs",
+    "score_before_loss",
+    "score_frames",
+    "score_table",
     "speed_table",
 ]
+
+FloatArray = NDArray[np.float64]
 
 _RESAMPLES = 5000
 _SEED = 20240501
@@ -28,25 +36,34 @@ COVERAGE = 0.95
 """Of every interval given."""
 
 
-def score_runs(runs: Iterable[Run], sequences: Iterable[Sequence]) -> pd.DataFrame:
-    """Score each run against the truth of its sequence.
+@dataclass(frozen=True)
+class ScoredRun:
+    """A run, the sequence it was about, and the scores of its frames."""
 
-    Returns
-    -------
-    DataFrame
-        One row per run: tracker, sequence, start, repeat, status, the metrics, `visible` and `invisible`.
-        Runs of another length than their sequence, which an older version of it left behind, are not in it.
+    run: Run
+    sequence: Sequence
+    frames: FrameScores
+
+
+def score_frames(runs: Iterable[Run], sequences: Iterable[Sequence]) -> list[ScoredRun]:
+    """Score every frame of each run against the truth of its sequence.
+
+    Runs on another version of their sequence, which were left behind, are not in the result.
     """
     known = {sequence.name: sequence for sequence in sequences}
-    rows = []
+    scored = []
     for run in runs:
-        sequence = known[run.sequence]
-        if len(run.trajectory.ok) != len(sequence):
-            continue
-        trajectory = run.trajectory
-        scores = frame_scores(sequence.boxes, sequence.visibility, trajectory.boxes, trajectory.ok, sequence.size)
-        about = {name: getattr(run, name) for name in ("tracker", "sequence", "start", "repeat", "status")}
-        rows.append({**about, **summarise(scores)})
+        sequence, answer = known[run.sequence], run.trajectory
+        if run.provenance.get("digest") == sequence.digest and len(answer.ok) == len(sequence):
+            frames = frame_scores(sequence.boxes, sequence.visibility, answer.boxes, answer.ok, sequence.size)
+            scored.append(ScoredRun(run, sequence, frames))
+    return scored
+
+
+def score_table(scored: Iterable[ScoredRun]) -> pd.DataFrame:
+    """One row per run: tracker, sequence, start, repeat, status, the metrics, `visible` and `invisible`."""
+    names = ("tracker", "sequence", "start", "repeat", "status")
+    rows = [{**{name: getattr(item.run, name) for name in names}, **summarise(item.frames)} for item in scored]
     columns = ["tracker", "sequence", "start", "repeat", "status", *METRICS, "visible", "invisible"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -68,12 +85,12 @@ def per_sequence(scores: pd.DataFrame) -> pd.DataFrame:
     return exact.assign(perturbed_iou=perturbed, failed=failed).reset_index()
 
 
-def _weighted_mean(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+def _weighted_mean(values: FloatArray, weights: FloatArray) -> float:
     known = np.isfinite(values) & (weights > 0)
     return float(np.average(values[known], weights=weights[known])) if known.any() else float("nan")
 
 
-def _weights(rows: pd.DataFrame, metric: str) -> NDArray[np.float64]:
+def _weights(rows: pd.DataFrame, metric: str) -> FloatArray:
     column = METRICS[metric].weight if metric in METRICS else ""
     return rows[column].to_numpy(float) if column else np.ones(len(rows))
 
@@ -95,9 +112,7 @@ def overall(pairs: pd.DataFrame) -> pd.DataFrame:
     return table.sort_values("mean_iou", ascending=False, kind="stable", ignore_index=True)
 
 
-def bootstrap_interval(
-    values: NDArray[np.float64], statistic: Callable[..., NDArray[np.float64]] = np.mean
-) -> tuple[float, float]:
+def bootstrap_interval(values: FloatArray, statistic: Callable[..., FloatArray] = np.mean) -> tuple[float, float]:
     """Percentile interval of a statistic of independent values (one per sequence), by resampling with a fixed seed.
 
     Parameters
@@ -166,6 +181,80 @@ def per_attribute(pairs: pd.DataFrame, sequences: Iterable[Sequence], metric: st
     wide.insert(0, "sequences", joined.groupby("attribute")["sequence"].nunique())
     wide.columns.name = None
     return wide.sort_values("sequences", ascending=False, kind="stable").reset_index()
+
+
+def curves(scored: Iterable[ScoredRun]) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Success and precision curve of each tracker from the exact start: mean over sequences, each counting once."""
+    found: dict[str, dict[str, list[tuple[FloatArray, FloatArray]]]] = {}
+    for item in scored:
+        seen = item.frames.visible
+        if item.run.start == 0 and seen.any():
+            pair = success_curve(item.frames.iou[seen]), precision_curve(item.frames.distance[seen])
+            found.setdefault(item.run.tracker, {}).setdefault(item.run.sequence, []).append(pair)
+    return {
+        tracker: (
+            np.mean([np.mean([success for success, _ in pairs], axis=0) for pairs in by_sequence.values()], axis=0),
+            np.mean(
+                [np.mean([precision for _, precision in pairs], axis=0) for pairs in by_sequence.values()], axis=0
+            ),
+        )
+        for tracker, by_sequence in found.items()
+    }
+
+
+def calibration(scored: Iterable[ScoredRun]) -> dict[str, pd.DataFrame]:
+    """How far a tracker's score can be believed.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        For each tracker that gives a score: one row per tenth of it, with the mean `score`, the share of frames with
+        the target really `located` (visible and IoU ≥ 0.5) and the number of `frames`.
+    """
+    gathered: dict[str, list[FloatArray]] = {}
+    for item in scored:
+        score = item.run.trajectory.score[1:]
+        judged = np.isfinite(score) & (item.frames.visible | item.frames.invisible)
+        if judged.any():
+            located = np.where(item.frames.visible, np.nan_to_num(item.frames.iou) >= 0.5, False)
+            gathered.setdefault(item.run.tracker, []).append(np.stack([score[judged], located[judged]]))
+    return {tracker: _reliability(np.concatenate(parts, axis=1)) for tracker, parts in gathered.items()}
+
+
+def _reliability(values: FloatArray) -> pd.DataFrame:
+    score, located = values
+    tenth = np.clip((score * 10).astype(int), 0, 9)
+    table = pd.DataFrame({"tenth": tenth, "score": score, "located": located})
+    grouped = table.groupby("tenth")
+    return grouped.mean().assign(frames=grouped.size()).reset_index(drop=True)
+
+
+def score_before_loss(scored: Iterable[ScoredRun], *, before: int = 20, after: int = 10) -> dict[str, FloatArray]:
+    """Score of a tracker round the moment at which the target is lost: IoU under 0.1 or nothing left to see.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (before + after + 1,)
+        Median over first losses, for frames −`before` … `after`; only for trackers that give a score and lose.
+    """
+    gathered: dict[str, list[FloatArray]] = {}
+    for item in scored:
+        score = item.run.trajectory.score[1:]
+        gone = item.frames.invisible | (np.nan_to_num(item.frames.iou, nan=1.0) < 0.1)
+        if not gone.any() or not np.isfinite(score).any():
+            continue
+        frame = int(np.argmax(gone))
+        padded = np.concatenate([np.full(before, np.nan), score, np.full(after + 1, np.nan)])
+        gathered.setdefault(item.run.tracker, []).append(padded[frame : frame + before + after + 1])
+    return {tracker: _median_known(np.stack(rows)) for tracker, rows in gathered.items()}
+
+
+def _median_known(rows: FloatArray) -> FloatArray:
+    known = np.isfinite(rows)
+    columns = [
+        np.median(column[seen]) if seen.any() else np.nan for column, seen in zip(rows.T, known.T, strict=True)
+    ]
+    return np.array(columns)
 
 
 def speed_table(runs: Iterable[SpeedRun]) -> pd.DataFrame:

@@ -11,9 +11,18 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from .metrics import METRICS
-from .results import Folder, ResultsError
+from .results import Folder, ResultsError, SpeedRun
 from .sequences import Sequence
-from .statistics import differences, overall, per_attribute, per_sequence, score_runs, speed_table
+from .statistics import (
+    ScoredRun,
+    differences,
+    overall,
+    per_attribute,
+    per_sequence,
+    score_frames,
+    score_table,
+    speed_table,
+)
 
 __all__ = ["Summary", "console_table", "format_cell", "overall_table", "summarise_folder", "write_tables"]
 
@@ -30,6 +39,7 @@ class Summary:
     source : str
         The suite or data set.
     sequences : list of Sequence
+    scored : list of ScoredRun
     scores, pairs, overall, attributes, differences, speed : DataFrame
         See :mod:`eval.statistics`.
     chosen : str
@@ -38,6 +48,7 @@ class Summary:
 
     source: str
     sequences: list[Sequence]
+    scored: list[ScoredRun]
     scores: pd.DataFrame
     pairs: pd.DataFrame
     overall: pd.DataFrame
@@ -65,7 +76,8 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
     """
     sequences = folder.read_sequences()
     runs = [run for run in folder.read_runs() if trackers is None or run.tracker in trackers]
-    scores = score_runs(runs, sequences)
+    scored = score_frames(runs, sequences)
+    scores = score_table(scored)
     if scores.empty:
         raise ResultsError(f"no results in {folder.path} for the sequences of the last run")
     pairs = per_sequence(scores)
@@ -75,6 +87,7 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
     return Summary(
         source=folder.read_manifest()["source"],
         sequences=sequences,
+        scored=scored,
         scores=scores,
         pairs=pairs,
         overall=table,
@@ -140,9 +153,10 @@ def sequence_table(summary: Summary) -> pd.DataFrame:
     return _as_text(wide.rename_axis(columns=None).reset_index())
 
 
-def speed_text(summary: Summary) -> pd.DataFrame:
-    """Median ms per update as text, one row per sequence and one column per tracker."""
-    wide = summary.speed.pivot(index="sequence", columns="tracker", values="median")
+def speed_text(runs: list[SpeedRun]) -> pd.DataFrame:
+    """Median ms per update as text, one row per sequence and one column per tracker, the fastest first."""
+    wide = speed_table(runs).pivot(index="sequence", columns="tracker", values="median")
+    wide = wide[wide.median().sort_values().index].reindex([run.sequence for run in runs])
     return _as_text(wide.rename_axis(columns=None).reset_index())
 
 

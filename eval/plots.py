@@ -1,0 +1,136 @@
+"""Figures of the results, as SVG text. Each function makes a figure of its own and touches no global state."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from .metrics import PRECISION_THRESHOLDS, SUCCESS_THRESHOLDS
+
+__all__ = ["before_loss_plot", "calibration_plot", "colour_of", "precision_plot", "speed_plot", "success_plot"]
+
+FloatArray = NDArray[np.float64]
+Curves = Mapping[str, tuple[FloatArray, FloatArray]]
+
+# Okabe and Ito's colours, which the colour-blind can tell apart; the chosen tracker has the first for itself.
+_CHOSEN = "#d55e00"
+_OTHERS = ("#0072b2", "#009e73", "#e69f00", "#56b4e9", "#cc79a7", "#000000", "#8c8c8c")
+_DASHES: tuple[str, ...] = ("-", "--", ":")
+_SETTINGS: Any = {"svg.fonttype": "none", "font.family": "sans-serif", "font.size": 9.0, "svg.hashsalt": "eval"}
+
+
+def colour_of(tracker: str, trackers: list[str], chosen: str) -> str:
+    """Colour of a tracker in every figure and overlay, as #rrggbb."""
+    if tracker == chosen:
+        return _CHOSEN
+    others = sorted(name for name in trackers if name != chosen)
+    return _OTHERS[others.index(tracker) % len(_OTHERS)]
+
+
+def _style(tracker: str, trackers: list[str], chosen: str) -> dict[str, Any]:
+    others = sorted(name for name in trackers if name != chosen)
+    dash = "-" if tracker == chosen else _DASHES[others.index(tracker) // len(_OTHERS) % len(_DASHES)]
+    width = 2.6 if tracker == chosen else 1.3
+    order = 3 if tracker == chosen else 2
+    return {"color": colour_of(tracker, trackers, chosen), "linestyle": dash, "linewidth": width, "zorder": order}
+
+
+def _new(width: float, height: float) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot()
+    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    return figure, axes
+
+
+def _svg(figure: Figure) -> str:
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None})
+    # An SVG inside HTML has no XML head.
+    return re.sub(r"^.*?(?=<svg)", "", buffer.getvalue(), flags=re.DOTALL)
+
+
+def success_plot(curves: Curves, scores: Mapping[str, float], chosen: str) -> str:
+    """Share of frames over the IoU threshold; the legend gives the area, best first."""
+    with matplotlib.rc_context(_SETTINGS):
+        figure, axes = _new(5.4, 4.2)
+        for name in sorted(curves, key=lambda name: -scores[name]):
+            style = _style(name, list(curves), chosen)
+            axes.plot(SUCCESS_THRESHOLDS, curves[name][0], label=f"{name} {scores[name]:.3f}", **style)
+        axes.set(xlabel="IoU threshold", ylabel="share of frames with IoU ≥ threshold", xlim=(0, 1), ylim=(0, 1.01))
+        axes.legend(title="AUC", fontsize=8, loc="lower left", framealpha=0.85)
+        return _svg(figure)
+
+
+def precision_plot(curves: Curves, chosen: str) -> str:
+    """Share of frames over the distance of the centres; the legend gives it at 20 px, best first."""
+    with matplotlib.rc_context(_SETTINGS):
+        figure, axes = _new(5.4, 4.2)
+        at_20 = {name: float(curve[1][PRECISION_THRESHOLDS == 20.0][0]) for name, curve in curves.items()}
+        for name in sorted(curves, key=lambda name: -at_20[name]):
+            style = _style(name, list(curves), chosen)
+            axes.plot(PRECISION_THRESHOLDS, curves[name][1], label=f"{name} {at_20[name]:.3f}", **style)
+        axes.axvline(20.0, color="#999999", linewidth=0.8)
+        axes.set(xlabel="distance of the centres, px", ylabel="share of frames", xlim=(0, 50), ylim=(0, 1.01))
+        axes.legend(title="at 20 px", fontsize=8, loc="lower right", framealpha=0.85)
+        return _svg(figure)
+
+
+def speed_plot(table: pd.DataFrame, chosen: str) -> str:
+    """Mean IoU over frames per second; `table` is the overall table. Empty when speed was not measured."""
+    known = table.dropna(subset=["fps", "mean_iou"])
+    if known.empty:
+        return ""
+    with matplotlib.rc_context(_SETTINGS):
+        figure, axes = _new(5.4, 4.2)
+        names = list(table["tracker"])
+        for name, fps, score in zip(known["tracker"], known["fps"], known["mean_iou"], strict=True):
+            axes.scatter(fps, score, s=60, color=colour_of(name, names, chosen), zorder=3)
+            weight = "bold" if name == chosen else "normal"
+            axes.annotate(name, (fps, score), (5, 5), textcoords="offset points", fontsize=8, fontweight=weight)
+        axes.set_xscale("log")
+        axes.margins(x=0.22)
+        axes.set(xlabel="frames per second (one thread)", ylabel="mean IoU", ylim=(0, 1.02))
+        return _svg(figure)
+
+
+def calibration_plot(tables: Mapping[str, pd.DataFrame], chosen: str) -> str:
+    """Share of frames really located over the tracker's own score; a calibrated one lies on the diagonal."""
+    if not tables:
+        return ""
+    with matplotlib.rc_context(_SETTINGS):
+        figure, axes = _new(4.6, 4.0)
+        axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8)
+        for name, table in tables.items():
+            style = _style(name, list(tables), chosen)
+            axes.plot(table["score"], table["located"], marker="o", markersize=4, label=name, **style)
+            for score, located, frames in zip(table["score"], table["located"], table["frames"], strict=True):
+                axes.annotate(str(int(frames)), (score, located), (4, -9), textcoords="offset points", fontsize=6)
+        axes.set(xlabel="getTrackingScore()", ylabel="share located (IoU ≥ 0.5)", xlim=(0, 1), ylim=(0, 1.02))
+        axes.legend(fontsize=8, loc="upper left")
+        return _svg(figure)
+
+
+def before_loss_plot(medians: Mapping[str, FloatArray], chosen: str, *, before: int = 20) -> str:
+    """Median score in the frames round a loss."""
+    if not medians:
+        return ""
+    with matplotlib.rc_context(_SETTINGS):
+        figure, axes = _new(4.6, 4.0)
+        for name, values in medians.items():
+            axes.plot(np.arange(len(values)) - before, values, label=name, **_style(name, list(medians), chosen))
+        axes.axvline(0.0, color="#999999", linewidth=0.8)
+        axes.set(xlabel="frames from the loss (IoU < 0.1, or out of sight)", ylabel="median score", ylim=(0, 1.02))
+        axes.legend(fontsize=8, loc="lower left")
+        return _svg(figure)

@@ -1,0 +1,208 @@
+"""The report: one HTML file with everything in it, to be opened anywhere and sent to anyone."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from . import metrics
+from .framesource import FrameSourceError
+from .metrics import METRICS
+from .overlay import contact_sheet, encode_jpeg, write_video
+from .plots import before_loss_plot, calibration_plot, colour_of, precision_plot, speed_plot, success_plot
+from .results import Folder, ResultsError, Run
+from .sequences import Sequence
+from .statistics import calibration, curves, score_before_loss
+from .tables import (
+    Summary,
+    attribute_table,
+    difference_table,
+    failure_table,
+    overall_table,
+    sequence_table,
+    speed_text,
+)
+
+__all__ = ["write_report"]
+
+_TEMPLATE = "report.html.j2"
+
+
+def write_report(summary: Summary, folder: Folder, path: Path, *, videos: int = 3) -> None:
+    """Write the report of a folder of results.
+
+    Parameters
+    ----------
+    summary : Summary
+    folder : Folder
+        Where the results are.
+    path : Path
+        The HTML file.
+    videos : int, optional
+        Number of sequences with a playable video: those first on which the chosen tracker is farthest behind.
+
+    Raises
+    ------
+    ResultsError
+        If the file cannot be written.
+    """
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.tests["share"] = _is_share
+    text = environment.get_template(_TEMPLATE).render(_contents(summary, folder, videos))
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ResultsError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object]:
+    chosen = summary.chosen
+    tracker_curves = curves(summary.scored)
+    areas = dict(zip(summary.overall["tracker"], summary.overall["auc"], strict=True))
+    return {
+        "summary": summary,
+        "sentence": _sentence(summary),
+        "colours": _colours(summary),
+        "overall": overall_table(summary),
+        "differences": difference_table(summary),
+        "attributes": attribute_table(summary),
+        "per_sequence": sequence_table(summary),
+        "speed": speed_text(folder.read_speeds()) if len(summary.speed) else None,
+        "failures": failure_table(summary),
+        "plots": [
+            ("Success", success_plot(tracker_curves, areas, chosen)),
+            ("Precision", precision_plot(tracker_curves, chosen)),
+            ("Accuracy and speed", speed_plot(summary.overall, chosen)),
+        ],
+        "score_plots": [
+            ("Reliability of the score", calibration_plot(calibration(summary.scored), chosen)),
+            ("The score round a loss", before_loss_plot(score_before_loss(summary.scored), chosen)),
+        ],
+        "pictures": _pictures(summary, videos),
+        "provenance": _provenance(summary, folder),
+        "conventions": _conventions(),
+        "units": {metric.title: metric.better for metric in METRICS.values()},
+    }
+
+
+def _is_share(text: str) -> bool:
+    """Whether a cell is a number in 0–1, to be shaded."""
+    try:
+        return 0.0 <= float(text) <= 1.0
+    except ValueError:
+        return False
+
+
+def _sentence(summary: Summary) -> str:
+    table = summary.overall
+    rows = table[["tracker", "mean_iou", "low", "high"]].to_numpy().tolist()
+    _, score, low, high = next(row for row in rows if row[0] == summary.chosen)
+    text = f"{summary.chosen}: mean IoU {score:.3f}"
+    if np.isfinite(low):
+        text += f" ({low:.3f}–{high:.3f})"
+    text += f" over {len(summary.sequences)} sequences"
+    others = [row for row in rows if row[0] not in (summary.chosen, "Oracle")]
+    if others:
+        # The table has the best first.
+        text += f"; the best other is {others[0][0]} with {others[0][1]:.3f}"
+    return text + "."
+
+
+def _colours(summary: Summary) -> dict[str, str]:
+    names = list(summary.overall["tracker"])
+    return {name: colour_of(name, names, summary.chosen) for name in names}
+
+
+def _conventions() -> list[str]:
+    """The list of the conventions, as the docstring that the code obeys has it."""
+    lines = (metrics.__doc__ or "").partition("-----------\n")[2].split("\n* ")
+    return [" ".join(line.replace("* ", "", 1).split()).replace("``", "").replace(":data:", "") for line in lines]
+
+
+def _first_runs(summary: Summary) -> dict[str, dict[str, Run]]:
+    found: dict[str, dict[str, Run]] = {}
+    for item in summary.scored:
+        if item.run.start == 0 and item.run.repeat == 0:
+            found.setdefault(item.run.sequence, {})[item.run.tracker] = item.run
+    return found
+
+
+def _by_shortfall(summary: Summary) -> list[tuple[Sequence, str, float]]:
+    """Sequences with the best other tracker, those first on which the chosen one is farthest behind it."""
+    wide = summary.pairs.pivot(index="sequence", columns="tracker", values="mean_iou")
+    rows = []
+    for sequence in summary.sequences:
+        if sequence.name not in wide.index:
+            continue
+        row = wide.loc[[sequence.name]].dropna(axis="columns")
+        scores = dict(zip(map(str, row.columns), row.to_numpy(float)[0].tolist(), strict=True))
+        own = scores.pop(summary.chosen, np.inf)
+        scores.pop("Oracle", None)
+        best = max(scores, key=lambda name: scores[name], default="")
+        rows.append((sequence, best, own - scores.get(best, 0.0)))
+    return sorted(rows, key=lambda row: row[2])
+
+
+def _pictures(summary: Summary, videos: int) -> list[dict[str, object]]:
+    """Contact sheet of every sequence whose frames are still there, a video of the first few."""
+    runs, colours = _first_runs(summary), _colours(summary)
+    found: list[dict[str, object]] = []
+    for rank, (sequence, best, gap) in enumerate(_by_shortfall(summary)):
+        shown = {name: runs[sequence.name][name] for name in (best, summary.chosen) if name in runs[sequence.name]}
+        try:
+            sheet = encode_jpeg(contact_sheet(sequence, shown, colours))
+            video = _video_bytes(sequence, shown, colours) if rank < videos else None
+        except (FrameSourceError, OSError, ResultsError):
+            continue
+        found.append(
+            {
+                "name": sequence.name,
+                "attributes": ", ".join(sequence.attributes),
+                "gap": f"{gap:+.3f}" if np.isfinite(gap) else "",
+                "shown": {name: colours[name] for name in shown},
+                "sheet": base64.b64encode(sheet).decode(),
+                "video": base64.b64encode(video).decode() if video else "",
+            }
+        )
+    return found
+
+
+def _video_bytes(sequence: Sequence, runs: dict[str, Run], colours: dict[str, str]) -> bytes:
+    with tempfile.TemporaryDirectory(prefix="hs_report-") as scratch:
+        path = Path(scratch) / "overlay.webm"
+        write_video(path, sequence, runs, colours)
+        return path.read_bytes()
+
+
+def _provenance(summary: Summary, folder: Folder) -> pd.DataFrame:
+    """What made the results of each tracker; more than one entry in a cell means that they are of mixed origin."""
+    by_tracker: dict[str, list[Run]] = {}
+    for item in summary.scored:
+        by_tracker.setdefault(item.run.tracker, []).append(item.run)
+    rows = []
+    for tracker, runs in by_tracker.items():
+        stamps = [run.provenance for run in runs]
+        times = sorted(str(stamp["time"]) for stamp in stamps)
+        row = {"tracker": tracker, "runs": str(len(runs)), "factory": _distinct(stamp["tracker"] for stamp in stamps)}
+        row |= {name: _distinct(stamp[name] for stamp in stamps) for name in ("params", "code", "commit", "opencv")}
+        row |= {"python": _distinct(stamp["python"] for stamp in stamps)}
+        row |= {"machine": _distinct(stamp["machine"] for stamp in stamps), "from": times[0], "to": times[-1]}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _distinct(values: Iterable[object]) -> str:
+    return ", ".join(dict.fromkeys(str(value) for value in values))
