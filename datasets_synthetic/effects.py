@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import cv2
@@ -53,9 +55,17 @@ def haze(image: Image, effect: Effect, s: float, rng: np.random.Generator) -> Im
     return np.float32(140.0) + (image - np.float32(140.0)) * np.float32(1.0 - effect.strength)
 
 
+@cache
+def _bell() -> Image:
+    """Quantiles of the normal distribution: looking one up costs a third of drawing one."""
+    inverse = NormalDist().inv_cdf
+    return np.array([inverse((k + 0.5) / 65536.0) for k in range(65536)], dtype=np.float32)
+
+
 def noise(image: Image, effect: Effect, s: float, rng: np.random.Generator) -> Image:
     """Sensor noise of deviation `strength` grey levels."""
-    return image + rng.standard_normal(image.shape, dtype=np.float32) * np.float32(effect.strength)
+    draws = rng.integers(0, 65536, image.shape, dtype=np.uint16)
+    return image + np.take(_bell() * np.float32(effect.strength), draws)
 
 
 def gray(image: Image, effect: Effect, s: float, rng: np.random.Generator) -> Image:

@@ -100,6 +100,8 @@ class _Canvas:
     image: Image
     labels: NDArray[np.uint8]
     target: Image
+    unhidden: float = 0.0
+    """Area of the target within the frame before anything came in front of it, px²."""
 
 
 class _Painter:
@@ -149,6 +151,8 @@ class _Painter:
         for k in present:
             for label, pose in zip(self.stage.labels_of(k), poses[k], strict=True):
                 self._draw(canvas, k, pose, label, t)
+            if k == self.stage.target_index:
+                canvas.unhidden = float(canvas.target.sum(dtype=np.float64))
         return canvas
 
     def _window(self, outline: NDArray[np.float64], margin: int = 0) -> tuple[int, int, int, int]:
@@ -220,7 +224,7 @@ class _Painter:
 
     def expose(self, image: Image, t: int) -> NDArray[np.uint8]:
         """Light, sensor and encoder."""
-        rng = np.random.default_rng([self.spec.seed, 1, t])
+        rng = np.random.Generator(np.random.SFC64([self.spec.seed, 1, t]))
         for effect in sorted(self.spec.effects, key=lambda effect: ORDER.index(effect.kind)):
             image = EFFECTS[effect.kind](image, effect, self.spec.fraction(t), rng)
         return to_bytes(image)
@@ -242,6 +246,18 @@ def _amodal_area(outlines: list[NDArray[np.float64]]) -> float:
     for outline in outlines:
         free *= 1 - coverage(outline, int(low[0]), int(low[1]), free.shape[1], free.shape[0])
     return float((1 - free).sum(dtype=np.float64))
+
+
+def _share(
+    canvas: _Canvas, outlines: list[NDArray[np.float64]], mask: NDArray[np.bool_], size: tuple[int, int]
+) -> float:
+    """Share of the target's area that is seen."""
+    if not mask.any():
+        return 0.0
+    x, y, w, h = _tight(outlines).tolist()
+    whole = x >= 0 and y >= 0 and x + w <= size[0] and y + h <= size[1]
+    area = canvas.unhidden if whole else _amodal_area(outlines)
+    return min(float(canvas.target.sum(dtype=np.float64)) / area, 1.0)
 
 
 def _tight(outlines: list[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -297,28 +313,21 @@ def render(spec: SequenceSpec) -> Sequence:
     """
     painter = _Painter(spec)
     stage = painter.stage
-    frames, labels, masks, boxes, visible, shares, polygons = [], [], [], [], [], [], []
+    shape = (spec.frames, spec.size[1], spec.size[0])
+    gray = any(effect.kind == "gray" for effect in spec.effects)
+    frames = np.empty(shape if gray else (*shape, 3), np.uint8)
+    labels, masks = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
+    boxes, visible = np.empty((spec.frames, 4)), np.empty((spec.frames, 4))
+    visibility = np.empty(spec.frames)
+    polygons = []
     for t in range(spec.frames):
         image, canvas = painter.picture(t)
+        frames[t] = painter.expose(image, t)
+        labels[t], masks[t] = canvas.labels, canvas.target >= 0.5
         outlines = [pose.outline() for pose in stage.actor(stage.target_index, float(t))]
-        mask = canvas.target >= 0.5
-        share = min(float(canvas.target.sum(dtype=np.float64)) / _amodal_area(outlines), 1.0) if mask.any() else 0.0
-        frames.append(painter.expose(image, t))
-        labels.append(canvas.labels)
-        masks.append(mask)
-        boxes.append(_tight(outlines))
-        visible.append(_visible_box(mask, boxes[-1], share))
-        shares.append(share)
+        boxes[t] = _tight(outlines)
+        visibility[t] = _share(canvas, outlines, masks[t], spec.size)
+        visible[t] = _visible_box(masks[t], boxes[t], float(visibility[t]))
         polygons.append(tuple(outlines))
-    visibility = np.array(shares)
-    return Sequence(
-        spec=spec,
-        frames=np.stack(frames),
-        boxes=np.stack(boxes),
-        visible_boxes=np.stack(visible),
-        masks=np.stack(masks),
-        visibility=visibility,
-        polygons=tuple(polygons),
-        labels=np.stack(labels),
-        frame_attributes=_frame_attributes(spec, np.stack(boxes), visibility),
-    )
+    attributes = _frame_attributes(spec, boxes, visibility)
+    return Sequence(spec, frames, boxes, visible, masks, visibility, tuple(polygons), labels, attributes)

@@ -106,13 +106,20 @@ def sample(image: Image, x: NDArray[np.float64], y: NDArray[np.float64]) -> Imag
     left, right = _mirror(x0, width), _mirror(x0 + 1.0, width)
     top, bottom = _mirror(y0, height) * width, _mirror(y0 + 1.0, height) * width
     flat = image.reshape(-1, 3)
-    upper = flat[top + left] * (1 - fx) + flat[top + right] * fx
-    lower = flat[bottom + left] * (1 - fx) + flat[bottom + right] * fx
-    return np.asarray(upper * (1 - fy) + lower * fy, dtype=np.float32)
+
+    def row(start: NDArray[np.int64]) -> Image:
+        first = np.take(flat, start + left, axis=0)
+        return np.asarray(first + (np.take(flat, start + right, axis=0) - first) * fx, dtype=np.float32)
+
+    upper = row(top)
+    return np.asarray(upper + (row(bottom) - upper) * fy, dtype=np.float32)
 
 
 def _mirror(index: NDArray[np.float64], size: int) -> NDArray[np.int64]:
-    folded = index.astype(np.int64) % (2 * size)
+    whole = index.astype(np.int64)
+    if whole.size and 0 <= whole.min() and whole.max() < size:
+        return whole
+    folded = whole % (2 * size)
     return np.minimum(folded, 2 * size - 1 - folded)
 
 
