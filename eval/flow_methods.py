@@ -2,7 +2,8 @@
 
 A method's factory is called in a process of its own, once; what it returns is called for every pair as
 ``(first, second) -> flow``. Methods that need more than two frames (``uses_sequence``) are called as
-``(frames, index) -> flow`` instead. Methods run with the settings they are shipped with: nothing is tuned here.
+``(frames, index) -> flow`` instead. Library methods run with the settings they are shipped with. The few constants
+of the baselines of ``eval/baselines/flow_*.py`` were chosen on the same four Middlebury pairs as our presets.
 """
 
 from __future__ import annotations
@@ -148,6 +149,25 @@ def _skimage(name: str) -> Callable[[], Callable[..., Flow]]:
     return factory
 
 
+def _baseline(module: str, name: str) -> Callable[[], Callable[..., Flow]]:
+    """Factory of a function in ``eval.baselines``."""
+
+    def factory() -> Callable[..., Flow]:
+        try:
+            function: Callable[..., Flow] = getattr(importlib.import_module(module), name)
+        except ImportError as error:
+            raise MissingLibraryError(str(error)) from error
+        return function
+
+    return factory
+
+
+_COMMON = "eval.baselines.flow_common"
+_MATCHING = "eval.baselines.flow_matching"
+_GRADIENT = "eval.baselines.flow_gradient"
+_ROBUST = "eval.baselines.flow_robust"
+_DISCRETE = "eval.baselines.flow_discrete"
+
 FLOW_METHODS: dict[str, FlowMethod] = {
     "zero": FlowMethod("null", "nothing moves: what any method must beat", _zero, ()),
     "hs-classic": FlowMethod(
@@ -210,6 +230,56 @@ FLOW_METHODS: dict[str, FlowMethod] = {
         "skimage TV-L1: Zach, Pock and Bischof, DAGM 2007",
         _skimage("optical_flow_tvl1"),
         ("skimage",),
+    ),
+    "phase-correlation": FlowMethod(
+        "surveyed",
+        "phase correlation of blocks, Kuglin and Hines 1975; cv2.phaseCorrelate",
+        _baseline(_MATCHING, "phase_correlation"),
+        ("cv2", _COMMON, _MATCHING),
+    ),
+    "match-ssd": FlowMethod(
+        "surveyed",
+        "block matching by squared differences, Anandan 1989; eval.baselines.flow_matching",
+        _baseline(_MATCHING, "match_ssd"),
+        ("cv2", _COMMON, _MATCHING),
+    ),
+    "match-ncc": FlowMethod(
+        "surveyed",
+        "block matching by normalised cross-correlation, Lewis 1995; eval.baselines.flow_matching",
+        _baseline(_MATCHING, "match_ncc"),
+        ("cv2", _COMMON, _MATCHING),
+    ),
+    "lucas-kanade": FlowMethod(
+        "surveyed",
+        "Lucas–Kanade 1981 on every fourth pixel; cv2.calcOpticalFlowPyrLK",
+        _baseline(_GRADIENT, "lucas_kanade"),
+        ("cv2", _COMMON, _GRADIENT),
+    ),
+    "buxton-buxton": FlowMethod(
+        "surveyed",
+        "Buxton–Buxton 1984, moving edges; needs a sequence, on a bare pair its temporal filter is missing; "
+        "eval.baselines.flow_gradient",
+        _baseline(_GRADIENT, "buxton_buxton"),
+        ("cv2", _COMMON, _GRADIENT),
+        uses_sequence=True,
+    ),
+    "black-anandan": FlowMethod(
+        "surveyed",
+        "Black–Anandan 1996, dense robust flow; eval.baselines.flow_robust",
+        _baseline(_ROBUST, "black_anandan"),
+        ("cv2", _COMMON, _ROBUST),
+    ),
+    "black-jepson": FlowMethod(
+        "surveyed",
+        "Black–Jepson 1996, parametric regions with local deformations; eval.baselines.flow_robust",
+        _baseline(_ROBUST, "black_jepson"),
+        ("cv2", "skimage", _COMMON, _ROBUST),
+    ),
+    "belief-propagation": FlowMethod(
+        "surveyed",
+        "discrete labels by belief propagation, Felzenszwalb and Huttenlocher 2006; eval.baselines.flow_discrete",
+        _baseline(_DISCRETE, "belief_propagation"),
+        ("cv2", _COMMON, _DISCRETE),
     ),
 }
 """Method by name. Families without a kept library are small implementations in ``eval/baselines/flow_*.py``."""
