@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -12,7 +13,7 @@ from .kernels import gauss_newton
 from .state import Atlas, Image, Plane
 from .window import shifted
 
-__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "view"]
+__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "shift"]
 
 _PIXELS = 1500
 _FEWEST = 60  # fewer pixels say nothing about the camera
@@ -29,8 +30,8 @@ def camera_from_flow(
     flow: NDArray[np.float32], outside: NDArray[np.bool_], last: tuple[float, float]
 ) -> tuple[float, float]:
     """Median flow outside the object; exactly zero when it is small, the last one when hardly anything is outside."""
-    chosen = flow[::2, ::2][outside[::2, ::2]]
-    if 4 * len(chosen) < _FEWEST:
+    chosen = flow[::3, ::3][outside[::3, ::3]]
+    if 9 * len(chosen) < _FEWEST:
         return last
     u, v = (float(np.median(chosen[:, i])) for i in (0, 1))
     return (0.0, 0.0) if np.hypot(u, v) < 0.12 else (u, v)
@@ -44,10 +45,10 @@ def register(
     Against the atlas, not the previous frame, so that errors don't add up. "The camera stood still" wins ties:
     otherwise noise slowly blurs the atlas.
     """
-    h, w, channels = image.shape
-    picture = np.ascontiguousarray(atlas.planes[:, :, :channels])
+    h, w, _ = image.shape
+    picture = atlas.image
     grid = np.array((w / 2, h / 2, max(h, w) / 2))
-    used = weight * (atlas.planes[:, :, channels] > 0)
+    used = weight * (atlas.counts[0] > 0)
     stride = max(1, round(float(np.count_nonzero(used)) / _PIXELS))
     nothing = np.zeros(8)
     prior = np.full(8, 1e6)
@@ -72,10 +73,10 @@ def register(
     still[6] = best[6]
     if cost(still) <= 1.03 * best_cost + 0.02:
         best = still
-    return _place(atlas, best, channels)
+    return _place(atlas, best)
 
 
-def _place(atlas: Atlas, theta: NDArray[np.float64], channels: int) -> Background:
+def _place(atlas: Atlas, theta: NDArray[np.float64]) -> Background:
     offset = []
     for new, old in zip(theta[[0, 3]], atlas.offset, strict=True):
         whole = float(np.round(new))
@@ -83,41 +84,31 @@ def _place(atlas: Atlas, theta: NDArray[np.float64], channels: int) -> Backgroun
     gain = min(max(1.0 + 0.01 * float(theta[6]), 0.5), 1.8)
     camera = (offset[0] - atlas.offset[0], offset[1] - atlas.offset[1])
     rx, ry = round(offset[0]), round(offset[1])
-    planes = atlas.planes
-    if (rx, ry) != (0, 0):
-        planes = move(planes, -rx, -ry, (planes.shape[0], planes.shape[1]))
+    h, w = atlas.image.shape[:2]
+    atlas = move(Atlas(atlas.image, atlas.counts, (offset[0] - rx, offset[1] - ry)), -rx, -ry, (h, w))
     if abs(gain - 1.0) > 0.004:
-        planes = planes.copy()
-        planes[:, :, :channels] *= np.float32(gain)
-    return Background(Atlas(planes, (offset[0] - rx, offset[1] - ry)), camera)
+        atlas = replace(atlas, image=atlas.image * np.float32(gain))
+    return Background(atlas, camera)
 
 
-def move(planes: NDArray[np.float32], dx: int, dy: int, size: tuple[int, int]) -> NDArray[np.float32]:
-    """Atlas planes in another window; pixels without data have −1 samples."""
-    out = shifted(planes, dx, dy, size, 0.0)
-    marker = shifted(np.zeros(planes.shape[:2], np.float32), dx, dy, size, -1.0)
-    samples = planes.shape[2] - 3
-    out[:, :, samples] += marker
-    return out
+def move(atlas: Atlas, dx: int, dy: int, size: tuple[int, int]) -> Atlas:
+    """Atlas in a window whose pixel (i, j) is (i + dx, j + dy) of this one; new pixels have −1 samples."""
+    if (dx, dy) == (0, 0) and size == atlas.image.shape[:2]:
+        return atlas
+    fills = (-1.0, 0.0, 0.0)
+    counts = np.stack([shifted(a, dx, dy, size, fill) for a, fill in zip(atlas.counts, fills, strict=True)])
+    return Atlas(shifted(atlas.image, dx, dy, size, 0.0), counts, atlas.offset)
 
 
-def fill_new(planes: NDArray[np.float32], image: Image, odds: Plane) -> NDArray[np.float32]:
+def fill_new(atlas: Atlas, image: Image, odds: Plane) -> Atlas:
     """Give pixels without data this frame's colour: one sample, or none where the object may be."""
-    channels = image.shape[2]
-    new = planes[:, :, channels] < 0
+    new = atlas.counts[0] < 0
     if not new.any():
-        return planes
-    planes = planes.copy()
-    planes[new, :channels] = image[new]
-    planes[new, channels] = odds[new] < -1.0
-    planes[new, channels + 1 :] = 0.0
-    return planes
-
-
-def view(atlas: Atlas, channels: int) -> tuple[Image, Plane]:
-    """Background as this frame's camera sees it, and its number of samples."""
-    picture = np.ascontiguousarray(atlas.planes[:, :, :channels])
-    return shift(picture, atlas.offset), np.ascontiguousarray(atlas.planes[:, :, channels])
+        return atlas
+    picture, counts = atlas.image.copy(), atlas.counts.copy()
+    picture[new] = image[new]
+    counts[0][new] = odds[new] < -1.0
+    return Atlas(picture, counts, atlas.offset)
 
 
 def shift(image: Image, offset: tuple[float, float]) -> Image:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["bin_count", "histogram", "likelihood"]
+__all__ = ["bin_count", "blend", "histogram", "likelihood"]
 
-_TAPS = (0.15, 0.7, 0.15)
+_TAPS = (np.float32(0.15), np.float32(0.7))
 
 
 def bin_count(channels: int) -> int:
@@ -15,19 +15,24 @@ def bin_count(channels: int) -> int:
     return 512 if channels == 3 else 32
 
 
-def histogram(bins: NDArray[np.int16], size: int) -> NDArray[np.float32]:
-    """Normalised histogram of a list of bin numbers, smoothed along each colour axis."""
-    counts = np.bincount(bins, minlength=size).astype(np.float32)
-    cube = counts.reshape(8, 8, 8) if size == 512 else counts
-    side, centre, _ = _TAPS
+def histogram(counts: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Counts per bin, smoothed along each colour axis and normalised."""
+    cube = counts.reshape(8, 8, 8) if counts.size == 512 else counts
+    side, centre = _TAPS
     for axis in range(cube.ndim):
         along = np.moveaxis(cube, axis, 0)
-        smooth = np.float32(centre) * along
-        smooth[1:] += np.float32(side) * along[:-1]
-        smooth[:-1] += np.float32(side) * along[1:]
+        smooth = centre * along
+        smooth[1:] += side * along[:-1]
+        smooth[:-1] += side * along[1:]
         cube = np.moveaxis(smooth, 0, axis)
     flat = np.ascontiguousarray(cube, dtype=np.float32).ravel()
     return np.asarray(flat / max(float(flat.sum()), 1.0), dtype=np.float32)
+
+
+def blend(colours: NDArray[np.float32], tally: NDArray[np.float32], rate: float) -> NDArray[np.float32]:
+    """Histograms (object, background) moved towards a frame's counts; one without pixels stays."""
+    fresh = [histogram(new) if new.any() else old for new, old in zip(tally, colours, strict=True)]
+    return np.asarray(colours + np.float32(rate) * (np.stack(fresh) - colours), dtype=np.float32)
 
 
 def likelihood(colours: NDArray[np.float32], weight: float) -> tuple[NDArray[np.float32], float]:

@@ -426,25 +426,39 @@ def label(image, warped, ll, grown, ratio, trust, bins, out):
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
-def alpha_edge(image, background, seen, near_in, near_out, band, mask, noise, odds):
+def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
     """Mixed pixels of the mask's edge: α of I = α o + (1 − α) b, and the odds lowered where α says background.
 
-    `near_in` and `near_out` (h, w, C + 1) are box means of the core's and the outside's colours with the share of
-    pixels they rest on as last channel. `band` is 1 where an edge pixel is in question.
+    o is the mean of the `core` pixels within 3 px, b the background, or, where that was never seen, the mean of the
+    pixels outside `wide` within 3 px.
     """
     h, w, channels = image.shape
+    inner = np.zeros(3)
+    outer = np.zeros(3)
     for y in range(h):
         for x in range(w):
-            if band[y, x] == 0 or mask[y, x] == 0 or near_in[y, x, channels] < 0.02:
+            if mask[y, x] == 0 or core[y, x] != 0:
                 continue
             own = seen[y, x] >= 1.0
-            if not own and near_out[y, x, channels] < 0.02:
+            n_in, n_out = 0, 0
+            inner[:] = 0.0
+            outer[:] = 0.0
+            for j in range(max(y - 3, 0), min(y + 4, h)):
+                for i in range(max(x - 3, 0), min(x + 4, w)):
+                    if core[j, i] != 0:
+                        n_in += 1
+                        for c in range(channels):
+                            inner[c] += image[j, i, c]
+                    elif not own and wide[j, i] == 0:
+                        n_out += 1
+                        for c in range(channels):
+                            outer[c] += image[j, i, c]
+            if n_in == 0 or (not own and n_out == 0):
                 continue
             span, along, total = 0.0, 0.0, 0.0
             for c in range(channels):
-                o = near_in[y, x, c] / near_in[y, x, channels]
-                b = background[y, x, c] if own else near_out[y, x, c] / near_out[y, x, channels]
-                d, e = o - b, image[y, x, c] - b
+                b = background[y, x, c] if own else outer[c] / n_out
+                d, e = inner[c] / n_in - b, image[y, x, c] - b
                 span += d * d
                 along += d * e
                 total += e * e
@@ -452,24 +466,26 @@ def alpha_edge(image, background, seen, near_in, near_out, band, mask, noise, od
                 continue
             alpha = along / span
             if alpha < 0.7 and total - alpha * along < 0.15 * span:
-                odds[y, x] = min(odds[y, x], min(max(8.0 * (alpha - 0.5), -3.0), 3.0))
+                odds[y, x] = min(odds[y, x], max(8.0 * (alpha - 0.5), -3.0))
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
 def learn(
-    image, aligned, mask, near, odds, raw, ll, warped, obj, shape, errors, inside, knobs, s_out, o_out, m_out, atlas, sums
+    image, aligned, mask, near, odds, raw, warped, obj, shape, errors, bins, inside, knobs,
+    s_out, o_out, m_out, ground, counts, tally, sample, sums,
 ):
-    """What is remembered after a frame: log-odds, object layer, slow shape, background.
+    """What is remembered after a frame: log-odds, object layer, slow shape, background, colours.
 
     `aligned` is the image on the background's own lattice. `near` is 1 within two pixels of the object. `errors` is
-    what :func:`evidence` wrote. `atlas` (h, w, C + 3) holds the background, then samples, mismatches, age; it is
-    updated in place. knobs = (shape rate, freeze, occluded).
-    `sums` receives (known pixels outside, of these unexplained, sum of |I − B| there, pixels compared).
+    what :func:`evidence` wrote. `ground` (h, w, C) and `counts` (3, h, w: samples, mismatches, age) are the
+    background, updated in place. knobs = (shape rate, freeze, occluded). `tally` (2, bins) receives the colour counts
+    of object and background. `sums` receives (known pixels outside, of these unexplained, sum of |I − B| there, its
+    median); `sample` is a workspace for the median.
     """
     h, w, channels = image.shape
     shape_rate, freeze, occluded = knobs[0], knobs[1], knobs[2]
     mean = np.float32(1.0 / channels)
-    known, strange, total = 0, 0, 0.0
+    known, strange, total, taken = 0, 0, 0.0, 0
     for y in range(h):
         for x in range(w):
             m = mask[y, x] != 0
@@ -486,7 +502,7 @@ def learn(
                 m_out[y, x] += shape_rate * (target - shape[y, x])
             rate = np.float32(0.0)
             if m:
-                if ll[y, x] > -0.3 and (occluded == 0.0 or errors[1, y, x] >= 4.0):
+                if errors[0, y, x] > -0.3 and (occluded == 0.0 or errors[1, y, x] >= 4.0):
                     rate = np.float32(0.5)
             elif freeze == 0.0:
                 rate = np.float32(1.0)
@@ -495,8 +511,12 @@ def learn(
                 o_out[y, x, c] = o + rate * (image[y, x, c] - o)
             if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
                 continue
-            n = atlas[y, x, channels]
+            n = counts[0, y, x]
             free = near[y, x] == 0
+            if free:
+                tally[1, bins[y, x]] += 1.0
+            elif m and l > 1.0:
+                tally[0, bins[y, x]] += 1.0
             error, gain = errors[1, y, x], errors[3, y, x]
             if free and n >= 1.0:
                 known += 1
@@ -504,22 +524,25 @@ def learn(
                     strange += 1
                 d = np.float32(0.0)
                 for c in range(channels):
-                    d += abs(aligned[y, x, c] - atlas[y, x, c])
+                    d += abs(aligned[y, x, c] - ground[y, x, c])
                 total += d * mean
+                if n >= 2.0 and (x + 2 * y) % 7 == 0 and taken < sample.size:
+                    sample[taken] = d * mean
+                    taken += 1
             if not m and error < 4.0 and n >= 1.0:
-                atlas[y, x, channels + 2] = 0.0
+                counts[2, y, x] = 0.0
             else:
-                atlas[y, x, channels + 2] += 1.0
+                counts[2, y, x] += 1.0
             if not free or l >= -1.0:
                 continue
             if n >= 1.0 and error >= 6.0:
-                bad = atlas[y, x, channels + 1] + 1.0
-                atlas[y, x, channels + 1] = bad
+                bad = counts[1, y, x] + 1.0
+                counts[1, y, x] = bad
                 if bad < 6.0 or (bad < 25.0 and (gain < 0.93 or gain > 1.07)):
                     continue
                 n = np.float32(0.0)
             else:
-                atlas[y, x, channels + 1] = 0.0
+                counts[1, y, x] = 0.0
             if n >= 1.0 and gain <= 0.93:
                 continue
             if n >= 1.0 and gain > 1.07:
@@ -528,9 +551,10 @@ def learn(
             if n >= 1.0 and gain < 0.985:
                 rate = min(rate, np.float32(0.02))
             for c in range(channels):
-                b = atlas[y, x, c]
-                atlas[y, x, c] = b + rate * (aligned[y, x, c] - b)
-            atlas[y, x, channels] = min(n + np.float32(1.0), np.float32(20.0))
+                b = ground[y, x, c]
+                ground[y, x, c] = b + rate * (aligned[y, x, c] - b)
+            counts[0, y, x] = min(n + np.float32(1.0), np.float32(20.0))
     sums[0] = known
     sums[1] = strange
     sums[2] = total
+    sums[3] = _median(sample, taken) if taken > 10 else -1.0

@@ -62,12 +62,12 @@ def grow(
 
 def _other_components(apart: Mask, near: Mask, smallest: float) -> Mask:
     """Components that don't touch `near` and are not tiny."""
-    n, labels, stats, _ = cv2.connectedComponentsWithStats(apart, connectivity=8)
+    if not (apart & (1 - near)).any():
+        return np.zeros_like(apart)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(apart, connectivity=8)
     keep = stats[:, cv2.CC_STAT_AREA] >= smallest
+    keep[labels[near != 0]] = False
     keep[0] = False
-    if n > 1:
-        keep[np.unique(labels[near != 0])] = False
-        keep[0] = False
     return np.asarray(keep[labels], dtype=np.uint8)
 
 
@@ -96,24 +96,13 @@ def refine_edge(image: Image, background: Image, seen: Plane, mask: Mask, odds: 
     core = np.asarray(cv2.erode(mask, _square(5)), dtype=np.uint8)
     if np.count_nonzero(core) < 9:
         core = np.asarray(cv2.erode(mask, _square(3)), dtype=np.uint8)
-    wide = dilate(mask, 3)
-    band = wide & (1 - core)
-    outside = 1 - wide
     changed = odds.copy()
-    alpha_edge(image, background, seen, _near(image, core), _near(image, outside), band, mask, noise, changed)
+    alpha_edge(image, background, seen, core, dilate(mask, 3), mask, noise, changed)
     kept = mask & (changed > 0).view(np.uint8)
     if np.count_nonzero(kept) <= 0.6 * np.count_nonzero(mask):
         return mask
     odds[:] = changed
     return kept
-
-
-def _near(image: Image, where: Mask) -> Image:
-    """Box means, 7 × 7, of the colours at `where` and of `where` itself."""
-    planes = np.empty((*where.shape, image.shape[2] + 1), np.float32)
-    planes[:, :, -1] = where
-    np.multiply(image, planes[:, :, -1:], out=planes[:, :, :-1])
-    return np.asarray(cv2.blur(planes, (7, 7)), dtype=np.float32).reshape(planes.shape)
 
 
 def box_of(mask: Mask, odds: Plane, sub_pixel: bool) -> Box | None:

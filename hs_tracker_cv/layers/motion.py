@@ -133,7 +133,9 @@ def _solver(levels: int, params: LayersParams) -> Any:
     cache = _LOCAL.__dict__.setdefault("solvers", {})
     key = (levels, params.smoothness, params.warps)
     if key not in cache:
-        cache[key] = HornSchunck("fast", smoothness=params.smoothness, levels=levels, warps=params.warps)
+        cache[key] = HornSchunck(
+            "fast", smoothness=params.smoothness, levels=levels, warps=params.warps, ratio=0.5, iterations=5
+        )
     return cache[key]
 
 

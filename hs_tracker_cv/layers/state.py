@@ -43,7 +43,7 @@ class LayersParams:
     working_size: int = 100
     margin: float = 0.35
     smoothness: float = 8.0
-    warps: int = 2
+    warps: int = 1
     colour_weight: float = 0.7
     occlusion_ratio: float = 0.82
     max_coast: int = 70
@@ -125,14 +125,16 @@ class Atlas:
 
     Parameters
     ----------
-    planes : ndarray, shape (h, w, C + 3), float32
-        Background image; number of samples (−1 no data, 0 not yet seen uncovered); frames of mismatch; frames
-        since the pixel last matched uncovered.
+    image : ndarray, shape (h, w, C)
+    counts : ndarray, shape (3, h, w), float32
+        Samples (−1 no data, 0 not yet seen uncovered); frames of mismatch; frames since the pixel last matched
+        uncovered.
     offset : tuple of float
         Background pixel (i, j) is seen at window pixel (i, j) + offset; each in [−½, ½].
     """
 
-    planes: NDArray[np.float32]
+    image: Image
+    counts: NDArray[np.float32]
     offset: tuple[float, float] = (0.0, 0.0)
 
 

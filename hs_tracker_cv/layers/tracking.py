@@ -66,7 +66,7 @@ def start(frame: Frame, box: Box, params: LayersParams) -> LayersState:
     margin = _margin(small, 0, params)
     origin, size = place_window(small, (0.0, 0.0), margin, _extent(frame, step_))
     image = grab(frame, origin, size, step_)
-    odds, shape, planes, colours = _seed(image, small, origin)
+    odds, shape, atlas, colours = _seed(image, small, origin)
     empty = np.zeros(size, np.uint8)
     gray = to_gray(image)
     inside_box = (odds > 0).view(np.uint8)
@@ -103,30 +103,30 @@ def start(frame: Frame, box: Box, params: LayersParams) -> LayersState:
         obj=image,
         distractor=empty,
         visible=inside_box,
-        atlas=Atlas(planes),
+        atlas=atlas,
         colours=colours,
     )
 
 
 def _seed(
     image: Image, box: tuple[float, float, float, float], origin: tuple[int, int]
-) -> tuple[Plane, Plane, NDArray[np.float32], NDArray[np.float32]]:
-    """Log-odds, shape, atlas planes and colour histograms from a box alone."""
+) -> tuple[Plane, Plane, Atlas, NDArray[np.float32]]:
+    """Log-odds, shape, atlas and colour histograms from a box alone."""
     h, w, channels = image.shape
     x = np.abs(np.arange(w) + 0.5 + origin[0] - box[0] - box[2] / 2) / (box[2] / 2)
     y = (np.abs(np.arange(h) + 0.5 + origin[1] - box[1] - box[3] / 2) / (box[3] / 2))[:, np.newaxis]
     square = np.maximum(x, y)
     ellipse = np.sqrt(x * x + y * y)
     odds = np.select([ellipse <= 0.95, square <= 1.0, square <= 1.12], [1.0, 0.4, -2.0], -3.0).astype(np.float32)
-    planes = np.zeros((h, w, channels + 3), np.float32)
-    planes[:, :, :channels] = image
-    planes[:, :, channels] = square > 1.0
+    counts = np.zeros((3, h, w), np.float32)
+    counts[0] = square > 1.0
     bins = np.empty((h, w), np.int16)
     blank = np.zeros((h, w), np.float32)
     count = colour.bin_count(channels)
     label(image, blank, blank.copy(), np.zeros((h, w), np.uint8), np.zeros(count, np.float32), 0.0, bins, blank.copy())
-    colours = np.stack([colour.histogram(bins[ellipse <= 0.9], count), colour.histogram(bins[square > 1.0], count)])
-    return odds, (odds > 0).astype(np.float32), planes, colours
+    tally = [np.bincount(bins[where], minlength=count) for where in (ellipse <= 0.9, square > 1.0)]
+    colours = np.stack([colour.histogram(one.astype(np.float32)) for one in tally])
+    return odds, (odds > 0).astype(np.float32), Atlas(image, counts), colours
 
 
 def _to_lattice(box: Box, step: int) -> tuple[float, float, float, float]:
@@ -172,7 +172,7 @@ def step(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
     camera = ground.camera_from_flow(flow, outside, state.camera)
     weight_outside = outside.astype(np.float32)
     registered = ground.register(state.atlas, view.image, weight_outside, camera, state.noise, view.inside)
-    atlas = Atlas(ground.fill_new(registered.atlas.planes, view.image, state.odds), registered.atlas.offset)
+    atlas = ground.fill_new(registered.atlas, view.image, state.odds)
     camera = registered.camera
 
     motion = motions.measure(
@@ -214,11 +214,10 @@ def _interpret(
 ) -> LayersState:
     """Label the window with the motions found, and remember."""
     theta = motion.theta
-    channels = view.image.shape[2]
     warped = motions.warp(state.odds, theta, grid, -3.0)
     shape = motions.warp(state.shape, theta, grid, 0.0)
     obj = motions.warp(state.obj, theta, grid, np.nan)
-    background, seen = ground.view(atlas, channels)
+    background, seen = ground.shift(atlas.image, atlas.offset), atlas.counts[0]
     moved = ground.shift(state.previous, camera)
     relative = float(np.hypot(theta[0] - camera[0], theta[3] - camera[1]))
     relative += 0.2 * float(np.abs(theta[[1, 2, 4, 5]]).sum())
@@ -282,9 +281,8 @@ def _label(
     params: LayersParams,
 ) -> _Labels:
     """Mask of the object from the evidence."""
-    h, w, channels = view.image.shape
-    age = atlas.planes[:, :, channels + 2]
-    grown, distractor = masks.grow(errors[1], seen, age, warped, state.distractor, state.count)
+    h, w = view.gray.shape
+    grown, distractor = masks.grow(errors[1], seen, atlas.counts[2], warped, state.distractor, state.count)
     ratio, trust = colour.likelihood(state.colours, params.colour_weight)
     bins = np.empty((h, w), np.int16)
     raw = np.empty((h, w), np.float32)
@@ -351,38 +349,28 @@ def _remember(
         x, y, w, h = state.box
         local = Box(x - state.origin[0], y - state.origin[1], w, h).moved(*moved)
 
-    channels = view.image.shape[2]
-    planes = atlas.planes.copy()
+    picture, counts = atlas.image.copy(), atlas.counts.copy()
     aligned = ground.shift(view.image, (-atlas.offset[0], -atlas.offset[1]))
     near = masks.dilate(mask | (warped > 0).view(np.uint8), 5)
     size = state.window()
     s_out, m_out = np.empty(size, np.float32), np.empty(size, np.float32)
     o_out = np.empty_like(obj)
-    sums = np.zeros(3)
+    tally = np.zeros(state.colours.shape, np.float32)
+    sums = np.zeros(4)
     freeze = hidden or memory.suspected > 0
     knobs = np.array((0.3 if state.count < 12 else 0.08, float(freeze), float(hidden)), np.float32)
     learn(
-        view.image, aligned, mask, near, odds, labels.raw, labels.ratio, warped, obj, shape, errors, view.inside,
-        knobs, s_out, o_out, m_out, planes, sums,
+        view.image, aligned, mask, near, odds, labels.raw, warped, obj, shape, errors, labels.bins, view.inside, knobs,
+        s_out, o_out, m_out, picture, counts, tally, np.empty(2000, np.float32), sums,
     )  # fmt: skip
     if hidden:
         s_out = np.clip(8.0 * (shape - np.float32(0.5)), -2.0, 1.0).astype(np.float32)
-    colours = state.colours
-    if not hidden:
-        fore, back = (mask != 0) & (odds > 1.0), near == 0
-        count = colours.shape[1]
-        fresh = [
-            colour.histogram(labels.bins[where], count) if where.any() else old
-            for where, old in zip((fore, back), colours, strict=True)
-        ]
-        colours = colours + np.float32(0.1) * (np.stack(fresh) - colours)
+    colours = state.colours if hidden else colour.blend(state.colours, tally, 0.1)
+    known, strange, total, median = (float(value) for value in sums)
     noise = state.noise
-    calm = (near == 0) & (planes[:, :, channels] >= 2)
-    difference = np.abs(view.image - background).mean(axis=2)[calm]
-    if difference.size > 60:
-        noise += 0.2 * (min(max(1.3 * float(np.median(difference)), 1.2), 14.0) - noise)
+    if median >= 0:
+        noise += 0.2 * (min(max(1.3 * median, 1.2), 14.0) - noise)
 
-    known, strange, total = sums
     stray = _stray(flow, near, camera, contrast)
     ok = coasting < 2
     box = Box(local.x + state.origin[0], local.y + state.origin[1], local.w, local.h)
@@ -419,7 +407,7 @@ def _remember(
             obj=o_out,
             distractor=labels.distractor,
             visible=mask & (labels.ratio > 0).view(np.uint8),
-            atlas=Atlas(planes, atlas.offset),
+            atlas=Atlas(picture, counts, atlas.offset),
             colours=colours,
             noise=noise,
             contrast=contrast,
@@ -433,7 +421,7 @@ def _remember(
 
 def _stray(flow: NDArray[np.float32], near: masks.Mask, camera: tuple[float, float], contrast: float) -> float:
     """c: how far the flow outside the object is from the camera's, over the motion contrast."""
-    chosen = flow[::2, ::2][near[::2, ::2] == 0]
+    chosen = flow[::3, ::3][near[::3, ::3] == 0]
     if len(chosen) == 0:
         return 0.0
     return float(np.median(np.hypot(chosen[:, 0] - camera[0], chosen[:, 1] - camera[1]))) / max(contrast, 0.1)
@@ -446,7 +434,7 @@ def _advance(state: LayersState, frame: Frame, params: LayersParams) -> LayersSt
     dx, dy = origin[0] - state.origin[0], origin[1] - state.origin[1]
     previous = grab(frame, origin, size, state.step)
     odds = shifted(state.odds, dx, dy, size, -3.0)
-    planes = ground.fill_new(ground.move(state.atlas.planes, dx, dy, size), previous, odds)
+    atlas = ground.fill_new(ground.move(state.atlas, dx, dy, size), previous, odds)
     obj = shifted(state.obj, dx, dy, size, 0.0)
     return state.replace(
         origin=origin,
@@ -456,7 +444,7 @@ def _advance(state: LayersState, frame: Frame, params: LayersParams) -> LayersSt
         obj=obj,
         distractor=shifted(state.distractor, dx, dy, size, 0),
         visible=shifted(state.visible, dx, dy, size, 0),
-        atlas=Atlas(planes, state.atlas.offset),
+        atlas=atlas,
     )
 
 
