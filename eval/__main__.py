@@ -10,8 +10,10 @@ __all__ = ["COMMANDS", "main"]
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("eval.commands:run", "run trackers over a suite or data set"),
     "speed": ("eval.commands:speed", "time single updates, all trackers side by side"),
+    "flow": ("eval.flow:main_flow", "compare dense flow methods on true flow"),
     "bench": ("eval.commands:bench", "run, speed and report on one suite with every tracker"),
     "check": ("eval.commands:check", "compare with the committed reference figures"),
+    "flow": ("eval.flow:main_flow", "compare optical-flow methods where the true flow is known"),
     "report": ("eval.commands:report", "tables, plots and the HTML report from stored results"),
 }
 """Subcommand -> ("module:function", what it does). The function's signature is its command line (tyro)."""
@@ -45,7 +47,8 @@ def _run(name: str, arguments: list[str]) -> int:
     module, _, function = COMMANDS[name][0].partition(":")
     try:
         command = getattr(import_module(module), function)
-        return int(tyro.cli(command, args=arguments, prog=f"python -m eval {name}") or 0)
+        chosen = tyro.cli(command, args=arguments, prog=f"python -m eval {name}", config=(tyro.conf.OmitArgPrefixes,))
+        return int(chosen or 0)
     except (ResultsError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

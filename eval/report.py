@@ -81,6 +81,7 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "attributes": attribute_table(summary),
         "per_sequence": sequence_table(summary),
         "speed": speed_text(folder.read_speeds()) if len(summary.speed) else None,
+        "wall": f"{(summary.speed['wall'] / summary.speed['median']).median():.2f}",
         "failures": failure_table(summary),
         "plots": [
             ("Success", success_plot(tracker_curves, areas, chosen)),
@@ -99,9 +100,9 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
 
 
 def _is_share(text: str) -> bool:
-    """Whether a cell is a number in 0–1, to be shaded."""
+    """Whether a cell is a share in 0–1, to be shaded; whole numbers are counts."""
     try:
-        return 0.0 <= float(text) <= 1.0
+        return "." in text and 0.0 <= float(text) <= 1.0
     except ValueError:
         return False
 

@@ -97,8 +97,8 @@ class SpeedRun:
     ----------
     key : str
     sequence : str
-    milliseconds : mapping of str to list of float
-        Per tracker, the time of each timed update.
+    milliseconds, wall : mapping of str to list of float
+        Per tracker, the processor time of each timed update, and the time that passed.
     status : mapping of str to str
     provenance : mapping
     """
@@ -106,6 +106,7 @@ class SpeedRun:
     key: str
     sequence: str
     milliseconds: Mapping[str, list[float]]
+    wall: Mapping[str, list[float]]
     status: Mapping[str, str]
     provenance: Mapping[str, Any] = field(default_factory=dict)
 

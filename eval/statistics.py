@@ -258,17 +258,25 @@ def _median_known(rows: FloatArray) -> FloatArray:
 
 
 def speed_table(runs: Iterable[SpeedRun]) -> pd.DataFrame:
-    """Time of one update per (tracker, sequence): `median` and `p95`, ms, and the number of timed `updates`."""
+    """Time of one update per (tracker, sequence), ms.
+
+    Returns
+    -------
+    DataFrame
+        `median` and `p95` of the processor time, `wall`, the median of the time that passed, and the number of timed
+        `updates`.
+    """
     rows = [
         {
             "tracker": tracker,
             "sequence": run.sequence,
             "median": float(np.median(times)),
             "p95": float(np.percentile(times, 95)),
+            "wall": float(np.median(run.wall[tracker])),
             "updates": len(times),
         }
         for run in runs
         for tracker, times in run.milliseconds.items()
         if times
     ]
-    return pd.DataFrame(rows, columns=["tracker", "sequence", "median", "p95", "updates"])
+    return pd.DataFrame(rows, columns=["tracker", "sequence", "median", "p95", "wall", "updates"])

@@ -9,7 +9,8 @@ Commands, one JSON object per line of standard input::
     {"do": "update", "count": 40, "timed": false}
 
 Records, one JSON object per line of standard output: ``{"opened": true}``, then per update
-``{"ok": true, "box": [x, y, w, h], "score": 0.9, "ms": null}``, or ``{"failure": "..."}``, which ends the track.
+``{"ok": true, "box": [x, y, w, h], "score": 0.9}``, when timed with "cpu_ms" and "wall_ms" of the call of `update`
+alone, or ``{"failure": "..."}``, which ends the track.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any, TextIO
 
 import cv2
@@ -67,11 +68,11 @@ class _Track:
         frame = next(self._frames, None)
         if frame is None:
             return None
-        start = perf_counter()
+        start, busy = perf_counter(), process_time()
         answer = self._tracker.update(frame)
-        elapsed = 1000.0 * (perf_counter() - start)
+        times = {"cpu_ms": 1000.0 * (process_time() - busy), "wall_ms": 1000.0 * (perf_counter() - start)}
         ok, box = _checked(answer)
-        return {"ok": ok, "box": box, "score": self._score(), "ms": elapsed if timed else None}
+        return {"ok": ok, "box": box, "score": self._score(), **(times if timed else {})}
 
     def _score(self) -> float:
         # OpenCV 5 gives every tracker the method; −1 is its way of saying that there is no score.
