@@ -7,10 +7,12 @@ same frames, is not measured again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import cv2
 
 from .flow_data import FlowPair, dataset_pairs, suite_pairs
 from .flow_methods import FLOW_METHODS, flow_method
@@ -20,65 +22,31 @@ from .flow_run import FlowResult, MethodProcess, RunOptions, picture_path, run_p
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["FlowOptions", "compare", "main_flow"]
+__all__ = ["collect_pairs", "compare", "main_flow"]
 
 
-@dataclass(frozen=True)
-class FlowOptions:
-    """Compare flow methods on true flow: endpoint and angular error, time, plots and flow pictures.
-
-    Parameters
-    ----------
-    suite : tuple of str
-        Synthetic suites (``python -m datasets_synthetic`` lists them).
-    dataset : tuple of str
-        ``middlebury:DIR``: a folder of NAME/frame10.png, frame11.png, flow10.flo.
-    methods : tuple of str
-        Names of methods, or ``pkg.module:factory``; all known ones when empty.
-    out : Path
-        Folder for results, tables, plots and pictures. A second run measures only what is missing.
-    pairs : int
-        Pairs taken from each synthetic sequence, spread over its length.
-    repeats : int
-        Most timed calls per pair; slow methods are timed once.
-    timeout : float
-        Longest time for one pair, s.
-    """
-
-    suite: tuple[str, ...] = ()
-    dataset: tuple[str, ...] = ()
-    methods: tuple[str, ...] = ()
-    out: Path = Path("results/flow")
-    pairs: int = 3
-    repeats: int = 5
-    timeout: float = 180.0
-
-
-def collect_pairs(options: FlowOptions) -> list[FlowPair]:
-    """All pairs asked for.
+def collect_pairs(suite: str | None, dataset: str | None, count: int) -> Iterator[FlowPair]:
+    """Pairs of a suite or a dataset.
 
     Parameters
     ----------
-    options : FlowOptions
+    suite, dataset : str or None
+        One of them.
+    count : int
+        Pairs per sequence of a suite.
 
     Returns
     -------
-    list of FlowPair
+    iterator of FlowPair
 
     Raises
     ------
     ValueError
-        If neither a suite nor a dataset is given, or two pairs have one name.
+        If both or none are given, or the one that is given is unknown.
     """
-    if not options.suite and not options.dataset:
-        raise ValueError("expected --suite NAME or --dataset middlebury:DIR, got neither")
-    pairs = [pair for name in options.suite for pair in suite_pairs(name, options.pairs)]
-    pairs += [pair for name in options.dataset for pair in dataset_pairs(name)]
-    names = [pair.name for pair in pairs]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ValueError(f"expected pairs of different names, got twice: {', '.join(twice)}")
-    return pairs
+    if (suite is None) == (dataset is None):
+        raise ValueError(f"expected either a suite or a dataset, got suite {suite!r} and dataset {dataset!r}")
+    return dataset_pairs(dataset) if dataset is not None else suite_pairs(str(suite), count)
 
 
 def compare(
@@ -127,37 +95,59 @@ def compare(
 
 
 def _save_truth(pair: FlowPair, out: Path) -> None:
-    import cv2
-
     picture = picture_path(out, pair.name, "truth")
     picture.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(picture), flow_to_color(pair.flow, largest_flow(pair.flow, pair.valid), pair.valid))
     cv2.imwrite(str(picture_path(out, pair.name, "frame")), pair.first)
 
 
-def main_flow(options: FlowOptions) -> None:
-    """Run the comparison and show it: the body of ``python -m eval flow``.
+def main_flow(
+    *,
+    suite: str | None = None,
+    dataset: str | None = None,
+    methods: tuple[str, ...] = (),
+    pairs: int = 2,
+    repeats: int = 5,
+    timeout: float = 180.0,
+    out: Path = Path("results/flow"),
+) -> None:
+    """Compare flow methods on true flow: error, time, plots, pictures. What has been measured is not measured again.
 
     Parameters
     ----------
-    options : FlowOptions
-
-    Raises
-    ------
-    ValueError
-        If a method, suite or dataset is unknown.
+    suite
+        Synthetic suite; "standard" when no data set is given.
+    dataset
+        middlebury:DIR, a folder of NAME/frame10.png, frame11.png, flow10.flo.
+    methods
+        Names, or pkg.module:factory; all known ones if not given.
+    pairs
+        Pairs taken from each sequence of a suite, spread over its length.
+    repeats
+        Most timed calls per pair; slow methods get fewer.
+    timeout
+        Seconds for one method on one pair.
+    out
+        Folder of all comparisons; each suite or data set has one of its own in it.
     """
     from rich.console import Console
 
     from .flow_plots import save_plots
     from .flow_tables import results_frame, save_tables, show
 
-    console = Console()
-    pairs, methods = collect_pairs(options), options.methods or tuple(FLOW_METHODS)
-    run_options = RunOptions(repeats=options.repeats, timeout=options.timeout)
-    results = _with_progress(console, pairs, methods, options.out, run_options)
+    if suite is None and dataset is None:
+        suite = "standard"
+    names = tuple(dict.fromkeys(methods)) or tuple(FLOW_METHODS)
+    for name in names:
+        flow_method(name)  # an unknown name must not cost the rendering of a suite
+    # A table that is written to a file or a pipe is not squeezed into 80 columns.
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    with console.status("loading the pairs"):
+        material = list(collect_pairs(suite, dataset, pairs))
+    folder = out / (suite or str(dataset).partition(":")[0])
+    results = _with_progress(console, material, names, folder, RunOptions(repeats=repeats, timeout=timeout))
     table = results_frame(results)
-    files = [*save_tables(table, options.out), *save_plots(table, options.out)]
+    files = [*save_tables(table, folder), *save_plots(table, folder)]
     show(table, console)
     for file in files:
         console.print(f"wrote {file}", highlight=False)

@@ -10,6 +10,7 @@ such pixels would reward it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -108,20 +109,38 @@ class FlowMetric:
     unit : str
     description : str
     score : callable
-        ``(endpoint errors, angular errors) -> float``.
+        ``(endpoint errors, angular errors, true lengths) -> float``; NaN if it says nothing on this pair.
     """
 
     label: str
     unit: str
     description: str
-    score: Callable[[NDArray[np.float64], NDArray[np.float64]], float]
+    score: Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], float]
+
+
+MOVING = 0.5
+"""A pixel whose true motion is longer than this moves, px."""
+
+
+def _mean_where_moving(epe: NDArray[np.float64], length: NDArray[np.float64]) -> float:
+    moving = length > MOVING
+    return float(epe[moving].mean()) if moving.any() else math.nan
 
 
 FLOW_METRICS: dict[str, FlowMetric] = {
-    "aepe": FlowMetric("AEPE", "px", "mean endpoint error", lambda epe, angle: float(epe.mean())),
-    "aae": FlowMetric("AAE", "°", "mean angular error of (u, v, 1)", lambda epe, angle: float(angle.mean())),
+    "aepe": FlowMetric("AEPE", "px", "mean endpoint error", lambda epe, angle, length: float(epe.mean())),
+    "moving": FlowMetric(
+        "AEPE moving",
+        "px",
+        "the same over pixels that move more than half a pixel",
+        lambda epe, angle, length: _mean_where_moving(epe, length),
+    ),
+    "aae": FlowMetric("AAE", "°", "mean angular error of (u, v, 1)", lambda epe, angle, length: float(angle.mean())),
     "r1": FlowMetric(
-        "R1", "%", "share of pixels wrong by more than 1 px", lambda epe, angle: 100.0 * float((epe > 1.0).mean())
+        "R1",
+        "%",
+        "share of pixels wrong by more than 1 px",
+        lambda epe, angle, length: 100.0 * float((epe > 1.0).mean()),
     ),
 }
 """Metrics by name; less is better for all of them."""
@@ -156,4 +175,5 @@ def flow_scores(
     """
     epe = endpoint_error(reference, estimated, valid)
     angle = angular_error(reference, estimated, valid)
-    return {name: metric.score(epe, angle) for name, metric in FLOW_METRICS.items()}
+    length = np.hypot(*_at_valid(reference, valid, "reference").T)
+    return {name: metric.score(epe, angle, length) for name, metric in FLOW_METRICS.items()}

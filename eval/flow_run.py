@@ -48,7 +48,7 @@ class RunOptions:
     """
 
     repeats: int = 5
-    budget: float = 2.0
+    budget: float = 0.5
     timeout: float = 180.0
 
     def __post_init__(self) -> None:

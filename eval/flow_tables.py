@@ -178,7 +178,7 @@ def show(table: pd.DataFrame, console: Console) -> None:
     for heading in text.columns:
         grid.add_column(heading, justify="right")
     for name, row in text.iterrows():
-        style = {"ours": "bold", "null": "dim"}.get(str(summary.loc[name, "family"]), "")
+        style = {"ours": "bold", "null": "dim"}.get(flow_method(str(name)).family, "")
         grid.add_row(str(name), *(str(value) for value in row), style=style)
     console.print(grid)
     for name, note in summary["note"].items():
