@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import gauss_newton
+from .kernels import KNOWN, gauss_newton
 from .state import Atlas, Image, Plane
 from .window import shifted
 
@@ -48,7 +48,7 @@ def register(
     h, w, _ = image.shape
     picture = atlas.image
     grid = np.array((w / 2, h / 2, max(h, w) / 2))
-    used = weight * (atlas.counts[0] > 0)
+    used = weight * (atlas.counts[0] >= KNOWN)
     stride = max(1, round(float(np.count_nonzero(used)) / _PIXELS))
     nothing = np.zeros(8)
     prior = np.full(8, 1e6)
@@ -101,13 +101,13 @@ def move(atlas: Atlas, dx: int, dy: int, size: tuple[int, int]) -> Atlas:
 
 
 def fill_new(atlas: Atlas, image: Image, odds: Plane) -> Atlas:
-    """Give pixels without data this frame's colour: one sample, or none where the object may be."""
+    """Give pixels without data this frame's colour, taken as known, or unseen where the object may be."""
     new = atlas.counts[0] < 0
     if not new.any():
         return atlas
     picture, counts = atlas.image.copy(), atlas.counts.copy()
     picture[new] = image[new]
-    counts[0][new] = odds[new] < -1.0
+    counts[0][new] = np.where(odds[new] < -1.0, KNOWN, 0)
     return Atlas(picture, counts, atlas.offset)
 
 

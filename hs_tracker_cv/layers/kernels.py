@@ -15,6 +15,7 @@ __all__ = [
     "alpha_edge",
     "evidence",
     "fit_affine",
+    "KNOWN",
     "gauss_newton",
     "label",
     "learn",
@@ -24,6 +25,9 @@ __all__ = [
 
 # Nothing here may be NaN: frames.crop has removed what is not finite. 'nnan' and 'ninf' stay off all the same.
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
+
+# Samples after which a background pixel is known; until then it must stay as it is from frame to frame.
+KNOWN = np.float32(3.0)
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
@@ -327,7 +331,7 @@ def evidence(image, background, moved, obj, warped, seen, products, noise, knobs
     log-odds warped by the object's motion, samples in the background, filtered products.
     knobs = (tau_b², tau_o², κ, motion contrast, occluded).
     out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] the same without
-    gain or previous image, out[3] local gain of the background.
+    gain or previous image, out[3] local gain of the background, out[4] error against the previous image.
     """
     h, w, channels = image.shape
     tau_b, tau_o, kappa, contrast, occluded = knobs[0], knobs[1], knobs[2], knobs[3], knobs[4]
@@ -342,6 +346,7 @@ def evidence(image, background, moved, obj, warped, seen, products, noise, knobs
                 out[1, y, x] = 0.0
                 out[2, y, x] = 0.0
                 out[3, y, x] = 1.0
+                out[4, y, x] = 0.0
                 continue
             xm, xp = max(x - 1, 0), min(x + 1, w - 1)
             n = seen[y, x]
@@ -381,22 +386,24 @@ def evidence(image, background, moved, obj, warped, seen, products, noise, knobs
             elif gain_b > np.float32(1.03):
                 lifted = kappa * mean / (var_b + np.float32(0.0025) * b2 * mean)
                 error_b = min(error_b, egb * lifted + np.float32(3.0))
-            if n < one:
-                error_b = min(error_b, em * unit)
+            still = em * kappa * mean / (np.float32(2.0) * noise2 + tau_b * grad_b * mean / four)
+            if n < KNOWN:
+                error_b = min(error_b, still)
             s = warped[y, x]
             error_o = min(eo, ego + var_o / (kappa * mean)) * kappa * mean / var_o
             if s < -half:
                 error_o = np.float32(5.0)
-            ceiling = np.float32(9.0) if n >= one else four
+            ceiling = np.float32(9.0) if n >= KNOWN else four
             ll = half * (min(error_b, ceiling) - min(error_o, np.float32(5.0)))
-            if contrast < 0.99 and ll < 0.0 and n < 5.0 and s > 0.0:
+            if contrast < 0.99 and ll < 0.0 and n < 7.0 and s > 0.0:
                 ll *= contrast
-            if occluded > 0.0 and n >= 2.0 and error_b < 2.0:
+            if occluded > 0.0 and n > KNOWN and error_b < 2.0:
                 ll = min(ll, np.float32(-1.5))
             out[0, y, x] = ll
             out[1, y, x] = error_b
             out[2, y, x] = direct
             out[3, y, x] = gain_b
+            out[4, y, x] = still
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
@@ -439,7 +446,7 @@ def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
         for x in range(w):
             if mask[y, x] == 0 or core[y, x] != 0:
                 continue
-            own = seen[y, x] >= 1.0
+            own = seen[y, x] >= KNOWN
             n_in, n_out = 0, 0
             inner[:] = 0.0
             outer[:] = 0.0
@@ -518,7 +525,7 @@ def learn(
             elif m and l > 1.0:
                 tally[0, bins[y, x]] += 1.0
             error, gain = errors[1, y, x], errors[3, y, x]
-            if free and n >= 1.0:
+            if free and n >= KNOWN:
                 known += 1
                 if errors[2, y, x] > 5.0:
                     strange += 1
@@ -526,16 +533,18 @@ def learn(
                 for c in range(channels):
                     d += abs(aligned[y, x, c] - ground[y, x, c])
                 total += d * mean
-                if n >= 2.0 and (x + 2 * y) % 7 == 0 and taken < sample.size:
+                if (x + 2 * y) % 7 == 0 and taken < sample.size:
                     sample[taken] = d * mean
                     taken += 1
-            if not m and error < 4.0 and n >= 1.0:
+            if not m and error < 4.0 and n >= KNOWN:
                 counts[2, y, x] = 0.0
             else:
                 counts[2, y, x] += 1.0
             if not free or l >= -1.0:
                 continue
-            if n >= 1.0 and error >= 6.0:
+            if n < KNOWN and errors[4, y, x] >= 4.0:
+                n = np.float32(0.0)  # something moves here: begin again
+            if n >= KNOWN and error >= 6.0:
                 bad = counts[1, y, x] + 1.0
                 counts[1, y, x] = bad
                 if bad < 6.0 or (bad < 25.0 and (gain < 0.93 or gain > 1.07)):
@@ -543,12 +552,12 @@ def learn(
                 n = np.float32(0.0)
             else:
                 counts[1, y, x] = 0.0
-            if n >= 1.0 and gain <= 0.93:
+            if n >= KNOWN and gain <= 0.93:
                 continue
-            if n >= 1.0 and gain > 1.07:
+            if n >= KNOWN and gain > 1.07:
                 n = np.float32(0.0)
             rate = max(np.float32(1.0) / (n + np.float32(1.0)), np.float32(0.06))
-            if n >= 1.0 and gain < 0.985:
+            if n >= KNOWN and gain < 0.985:
                 rate = min(rate, np.float32(0.02))
             for c in range(channels):
                 b = ground[y, x, c]

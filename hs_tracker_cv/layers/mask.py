@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Box
-from .kernels import alpha_edge
+from .kernels import KNOWN, alpha_edge
 from .state import Image, Plane
 
 __all__ = ["Mask", "box_of", "component", "dilate", "grow", "refine_edge"]
@@ -38,7 +38,7 @@ def grow(
     grown : 1 where the object has grown, 2 on a distractor
     distractor : its pixels, remembered for the next frame
     """
-    new = ((error >= 7.2) & (seen >= 2.0) & (age <= 4.0)).view(np.uint8)
+    new = ((error >= 7.2) & (seen > KNOWN) & (age <= 4.0)).view(np.uint8)
     obj = (warped > 0).view(np.uint8)
     grown = np.zeros_like(obj)
     area = int(np.count_nonzero(obj))

@@ -16,7 +16,7 @@ from . import colour
 from . import mask as masks
 from . import motion as motions
 from . import occlusion as hiding
-from .kernels import evidence, label, learn, local_products
+from .kernels import KNOWN, evidence, label, learn, local_products
 from .state import Atlas, Image, LayersParams, LayersReport, LayersState, Occlusion, Plane
 from .window import grab, inside_rectangle, lattice_step, place_window, shifted
 
@@ -119,7 +119,7 @@ def _seed(
     ellipse = np.sqrt(x * x + y * y)
     odds = np.select([ellipse <= 0.95, square <= 1.0, square <= 1.12], [1.0, 0.4, -2.0], -3.0).astype(np.float32)
     counts = np.zeros((3, h, w), np.float32)
-    counts[0] = square > 1.0
+    counts[0] = np.where(square > 1.0, KNOWN, 0)
     bins = np.empty((h, w), np.int16)
     blank = np.zeros((h, w), np.float32)
     count = colour.bin_count(channels)
@@ -255,12 +255,12 @@ def _weigh(
     contrast: float,
     offset: tuple[float, float],
 ) -> NDArray[np.float32]:
-    """Run the evidence kernel; (4, h, w)."""
+    """Run the evidence kernel; (5, h, w)."""
     h, w, channels = view.image.shape
     products = np.empty((h, w, 4), np.float32)
     local_products(view.image, background, obj, products)
     products = cv2.blur(products, (5, 5))
-    errors = np.empty((4, h, w), np.float32)
+    errors = np.empty((5, h, w), np.float32)
     tau = _TAU_WHOLE if offset == (0.0, 0.0) else _TAU_FRACTION
     kappa = 1.8 if channels == 3 else 1.0
     knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, contrast, float(state.occlusion.occluded)), np.float32)
