@@ -29,8 +29,14 @@ Mask = NDArray[np.bool_]
 
 NORMAL_SIGMA = 1.4826
 """Standard deviation over median absolute deviation, of a normal distribution."""
-MIN_CHANGE = 1.0
-"""Smallest change in brightness that counts, gray levels: half of the rounding to 8 bits survives smoothing."""
+MIN_CHANGE = 3.0
+"""Smallest change in brightness that counts, gray levels. Video codecs skip most blocks of a still scene, so that the
+median change is 0, and refresh others by one or two levels."""
+REACH = 0.08
+"""Widest gap between changed pixels of one object, over the frame's longer side: a plain object changes at its rim
+only, and two objects that move alike must not become one."""
+BORDER_PATIENCE = 5
+"""How many times longer a region at the border of the frame must be seen before it is taken for the whole object."""
 SPARSE = 2
 """Every second pixel, each way, is enough for a median over the frame."""
 
@@ -221,7 +227,8 @@ class MotionDetector:
         seeds &= _came_from_inside(seeds.shape, float(still[0]), float(still[1]))
         seeds = cv2.medianBlur(seeds.astype(np.uint8), 3) > 0
         speed = np.hypot(flow[..., 0] - still[0], flow[..., 1] - still[1])
-        moving = speed > np.maximum(0.3 * _mean_over(speed, seeds), self.params.min_speed / step)
+        moving = speed > np.maximum(0.5 * _mean_over(speed, seeds), self.params.min_speed / step)
+        moving &= ~_stands_still(change, curr, flow - still)
         filled = _filled(seeds, moving, self._smallest(seeds))
         # The object is where it has changed and came from where it has changed; what it uncovers came from nowhere.
         came_from = _warp(filled.astype(np.float32), flow)
@@ -229,7 +236,7 @@ class MotionDetector:
 
     def _least_change(self, change: Plane, curr: Plane, step: float) -> Plane:
         """Change in brightness, per pixel, that stands for the threshold on the normal flow −Ft / |∇F|."""
-        slope = np.hypot(cv2.Sobel(curr, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(curr, cv2.CV_32F, 0, 1) / 8)
+        slope = np.hypot(*_slope(curr))
         if self.params.threshold is not None:
             return np.asarray(np.maximum(slope, 1.0) * (self.params.threshold / step), np.float32)
         sample = change[::SPARSE, ::SPARSE]
@@ -287,9 +294,32 @@ def _came_from_inside(shape: tuple[int, ...], u: float, v: float) -> Mask:
     return known
 
 
+def _stands_still(change: Plane, curr: Plane, motion: Plane) -> Mask:
+    """Where the motion, were it true, would have changed the picture, and it has not.
+
+    The flow is smooth and runs over the edge of the object; the ground's own texture tells where it is wrong.
+    """
+    gx, gy = _slope(curr)
+    predicted = gx * motion[..., 0] + gy * motion[..., 1]
+    expected = cv2.blur(np.asarray(predicted**2, np.float32), (9, 9))
+    observed = cv2.blur(np.asarray(change**2, np.float32), (9, 9))
+    return np.asarray((expected > 0.5) & (observed < 0.3 * expected), bool)
+
+
+def _slope(plane: Plane) -> tuple[Plane, Plane]:
+    """Gradient, gray levels per lattice px."""
+    gx, gy = (cv2.Sobel(plane, cv2.CV_32F, dx, 1 - dx) / 8 for dx in (1, 0))
+    return np.asarray(gx, np.float32), np.asarray(gy, np.float32)
+
+
 def _near_crest(change: Plane) -> Mask:
-    """Where a change exceeds 40 % of the strongest one within 3 px: smoothing spreads a change past its edge."""
-    return np.asarray(change > 0.4 * cv2.dilate(change, np.ones((7, 7), np.uint8)), bool)
+    """Where a change is not the halo of a stronger one.
+
+    It must exceed 40 % of the strongest change within 3 px, as smoothing spreads a change past its edge, and 15 % of
+    the strongest within 20 px, as codecs ring round what moves.
+    """
+    near, wide = (cv2.dilate(change, np.ones((side, side), np.uint8)) for side in (7, 41))
+    return np.asarray((change > 0.4 * near) & (change > 0.15 * wide), bool)
 
 
 def _mean_over(values: Plane, mask: Mask) -> Plane:
@@ -303,7 +333,9 @@ def _filled(seeds: Mask, moving: Mask, smallest: float) -> Mask:
     """Seeds that the flow links, filled: a plain object changes only at its rim."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
     closed = cv2.morphologyEx(seeds.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
-    linked = (closed > 0) | moving
+    width = max(round(REACH * max(seeds.shape)), 7)
+    reach = cv2.morphologyEx(seeds.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((width, width), np.uint8))
+    linked = (closed > 0) | (moving & (reach > 0))
     filled = np.zeros(seeds.shape, bool)
     for area, part in _components(linked, smallest):
         points = cv2.findNonZero((part & seeds[area]).astype(np.uint8))
@@ -334,7 +366,8 @@ def first_moving_object(
     frames : iterable of ndarray
     params : DetectorParams, optional
     confirm : int
-        Pairs of frames in a row in which the region must be found, overlapping itself.
+        Pairs of frames in a row in which the region must be found, overlapping itself; five times as many where it
+        touches the border.
 
     Yields
     ------
@@ -347,11 +380,18 @@ def first_moving_object(
     seen = 0
     for frame in frames:
         regions = detector.detect(previous, frame) if previous is not None else []
-        same = [region for region in regions if candidate is None or iou(region.box, candidate.box) > 0.3]
-        seen = seen + 1 if same and candidate is not None else int(bool(regions))
+        same = [region for region in regions if candidate is not None and iou(region.box, candidate.box) > 0.3]
+        seen = seen + 1 if same else min(len(regions), 1)
         candidate = next(iter(same or regions), None)
         previous = frame
-        found = candidate if seen >= confirm else None
+        # What touches the border is mostly on its way in: worth waiting for, but a face before a webcam stays there.
+        needed = confirm * BORDER_PATIENCE if candidate is not None and _touches_border(candidate) else confirm
+        found = candidate if seen >= needed else None
         yield frame, found
         if found is not None:
             return
+
+
+def _touches_border(region: Region) -> bool:
+    mask = region.mask
+    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())

@@ -184,6 +184,17 @@ def test_first_moving_object_waits_until_it_is_sure() -> None:
     assert iou(region.box, boxes[3]) > 0.8
 
 
+def test_first_moving_object_waits_for_an_object_that_enters() -> None:
+    """An object cut by the border is not taken until it is inside."""
+    frames, boxes = _scene(start=(0, 80), step=(3, 0), count=14)
+    inside = [frame[:, 12:] for frame in frames]  # the crop cuts the first four
+    found = list(first_moving_object(inside))
+    region = found[-1][1]
+    assert region is not None
+    assert region.box.x > 0
+    assert iou(region.box, boxes[len(found) - 1].moved(-12, 0)) > 0.8
+
+
 def test_first_moving_object_of_a_still_scene_is_none() -> None:
     """Every frame is handed on and no region comes."""
     frame = _scene()[0][0]
