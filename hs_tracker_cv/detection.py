@@ -10,7 +10,7 @@ ground that an object uncovers changes too, but nothing in the previous frame mo
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .flow import HornSchunck, derivatives, normal_flow
-from .frames import InputError, as_frame, crop, to_gray
+from .frames import MIN_SIDE, InputError, as_frame, crop, to_gray
 from .geometry import Box, iou
 
-__all__ = ["DetectionFields", "DetectorParams", "MotionDetector", "Region", "first_moving_object"]
+__all__ = ["DetectionFields", "DetectorParams", "FirstMover", "MotionDetector", "Region"]
 
 Plane = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -171,10 +171,14 @@ class MotionDetector:
         InputError
             If a frame cannot be used or the sizes differ.
         """
-        fields = self.fields(prev, curr)
+        return self.regions(self.fields(prev, curr))
+
+    def regions(self, fields: DetectionFields) -> list[Region]:
+        """Regions of what :meth:`fields` has computed, the largest first; under 4 px there is nothing to track."""
         parts = _components(fields.mask, self._smallest(fields.mask))
         regions = [self._region(fields, area, part) for area, part in parts]
-        return sorted(regions, key=lambda region: region.area, reverse=True)
+        wide = [region for region in regions if min(region.box.w, region.box.h) >= MIN_SIDE]
+        return sorted(wide, key=lambda region: region.area, reverse=True)
 
     def fields(self, prev: Any, curr: Any) -> DetectionFields:
         """Every intermediate result of :meth:`detect`, on the lattice.
@@ -356,40 +360,52 @@ def _components(mask: Mask, smallest: float) -> Iterator[tuple[tuple[slice, slic
         yield area, labels[area] == label
 
 
-def first_moving_object(
-    frames: Iterable[Any], params: DetectorParams | None = None, *, confirm: int = 3
-) -> Iterator[tuple[Any, Region | None]]:
-    """Go through frames until an object moves in several of them in a row.
+class FirstMover:
+    """Watch frames until an object moves in several of them in a row.
 
     Parameters
     ----------
-    frames : iterable of ndarray
     params : DetectorParams, optional
     confirm : int
         Pairs of frames in a row in which the region must be found, overlapping itself; five times as many where it
         touches the border.
 
-    Yields
-    ------
-    frame, region : ndarray, Region or None
-        Each frame as it is read; the region with the last one only, so that a tracker starts there.
+    Attributes
+    ----------
+    fields : DetectionFields or None
+        What the last pair of frames gave; None before there is a pair.
     """
-    detector = MotionDetector(params)
-    previous: Any = None
-    candidate: Region | None = None
-    seen = 0
-    for frame in frames:
-        regions = detector.detect(previous, frame) if previous is not None else []
-        same = [region for region in regions if candidate is not None and iou(region.box, candidate.box) > 0.3]
-        seen = seen + 1 if same else min(len(regions), 1)
-        candidate = next(iter(same or regions), None)
-        previous = frame
+
+    def __init__(self, params: DetectorParams | None = None, *, confirm: int = 3) -> None:
+        self.fields: DetectionFields | None = None
+        self._detector = MotionDetector(params)
+        self._confirm = confirm
+        self._previous: Any = None
+        self._candidate: Region | None = None
+        self._seen = 0
+
+    def update(self, frame: Any) -> Region | None:
+        """Look at the next frame; the object's region in it once it is sure, None before.
+
+        Raises
+        ------
+        InputError
+            As MotionDetector.detect.
+        """
+        previous, self._previous = self._previous, frame
+        if previous is None:
+            return None
+        self.fields = self._detector.fields(previous, frame)
+        regions = self._detector.regions(self.fields)
+        last = self._candidate
+        same = [region for region in regions if last is not None and iou(region.box, last.box) > 0.3]
+        self._seen = self._seen + 1 if same else min(len(regions), 1)
+        self._candidate = next(iter(same or regions), None)
+        if self._candidate is None:
+            return None
         # What touches the border is mostly on its way in: worth waiting for, but a face before a webcam stays there.
-        needed = confirm * BORDER_PATIENCE if candidate is not None and _touches_border(candidate) else confirm
-        found = candidate if seen >= needed else None
-        yield frame, found
-        if found is not None:
-            return
+        needed = self._confirm * (BORDER_PATIENCE if _touches_border(self._candidate) else 1)
+        return self._candidate if self._seen >= needed else None
 
 
 def _touches_border(region: Region) -> bool:
