@@ -396,12 +396,14 @@ class _LiveWorker:
     def __init__(self) -> None:
         self._process = _spawn(subprocess.PIPE, subprocess.PIPE, subprocess.DEVNULL)
         self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
-        threading.Thread(target=self._listen, daemon=True).start()
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._answers.put(line)
+        with self._process.stdout as lines:
+            for line in lines:
+                self._answers.put(line)
         self._answers.put("")
 
     def ask(self, command: Mapping[str, Any], seconds: float) -> dict[str, Any]:
@@ -433,6 +435,7 @@ class _LiveWorker:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(0.5)
         _end(self._process)
+        self._listener.join()
 
 
 def measure_speed(
@@ -441,6 +444,7 @@ def measure_speed(
     folder: Folder,
     *,
     frames: int = 40,
+    warm_up: int = WARM_UP,
     limits: Limits | None = None,
     report: Callable[[SpeedRun, bool], None],
 ) -> None:
@@ -454,8 +458,8 @@ def measure_speed(
     trackers, sequences : list
     folder : Folder
         Gets one file per sequence as soon as it is measured.
-    frames : int, optional
-        Timed updates per sequence, after :data:`WARM_UP` others.
+    frames, warm_up : int, optional
+        Timed updates per sequence, and those before them.
     limits : Limits, optional
         Its seconds hold for a single update.
     report : callable
@@ -466,12 +470,13 @@ def measure_speed(
     workers: dict[str, _LiveWorker] = {}
     try:
         for sequence in sequences:
-            parts = (_PROTOCOL, *versions, sequence.digest, str(frames))
+            parts = (_PROTOCOL, *versions, sequence.digest, str(frames), str(warm_up))
             key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
             run = _stored_speed(sequence, key, folder)
             reused = run is not None
             if run is None:
-                run = _time_sequence(trackers, sequence, workers, key=key, frames=frames, seconds=limits.seconds)
+                counts = warm_up, frames
+                run = _time_sequence(trackers, sequence, workers, key=key, counts=counts, seconds=limits.seconds)
                 folder.write_speed(run)
             report(run, reused)
     finally:
@@ -496,7 +501,7 @@ def _time_sequence(
     workers: dict[str, _LiveWorker],
     *,
     key: str,
-    frames: int,
+    counts: tuple[int, int],
     seconds: float,
 ) -> SpeedRun:
     times: dict[str, list[float]] = {tracker.name: [] for tracker in trackers}
@@ -516,10 +521,10 @@ def _time_sequence(
 
     for tracker in trackers:
         ask(tracker.name, _open_command(Job(tracker, sequence)))
-    for frame in range(1, min(WARM_UP + frames + 1, len(sequence))):
+    for frame in range(1, min(sum(counts) + 1, len(sequence))):
         for name in list(running):
             answer = ask(name, {"do": "update", "count": 1, "timed": True})
-            if frame > WARM_UP and "cpu_ms" in answer:
+            if frame > counts[0] and "cpu_ms" in answer:
                 times[name].append(round(answer["cpu_ms"], 4))
                 walls[name].append(round(answer["wall_ms"], 4))
     return SpeedRun(key, sequence.name, times, walls, status, provenance())

@@ -1,0 +1,413 @@
+"""The runner: whatever a tracker does costs one row, marked with its reason; nothing that is finished is lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from eval.metrics import frame_scores, summarise
+from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun
+from eval.runner import Job, Limits, make_jobs, measure_speed, run_jobs, run_one, start_box
+from eval.sequences import Sequence, load_dataset
+from eval.trackers import DEFAULT_TRACKERS, TRACKERS, TrackerSpec, code_version, find_tracker
+
+ROOT = Path(__file__).resolve().parents[1]
+COUNT = 6
+
+BAD_TRACKERS = '''
+import ctypes, os, sys, time
+import numpy as np
+
+class Base:
+    """Follows nothing, and goes wrong in its third update."""
+    def __init__(self, **params):
+        self.params, self.frame = params, 0
+    def init(self, image, box):
+        self.box = box
+    def update(self, image):
+        self.frame += 1
+        return self.go_wrong() if self.frame == 3 else (True, self.box)
+
+def bad(name, action):
+    return type(name, (Base,), {"go_wrong": action})
+
+def _raise(self): raise RuntimeError("no more\\nideas")
+def _fill(self):
+    held = []
+    while True:
+        held.append(np.ones(2_000_000))
+        time.sleep(0.01)
+
+Fine = bad("Fine", lambda self: (True, self.box))
+Segfault = bad("Segfault", lambda self: ctypes.string_at(0))
+Hang = bad("Hang", lambda self: time.sleep(600))
+Raise = bad("Raise", _raise)
+Nan = bad("Nan", lambda self: (True, (float("nan"), 0, 5, 5)))
+Outside = bad("Outside", lambda self: (True, (5000, 5000, 5, 5)))
+Flat = bad("Flat", lambda self: (True, (5, 5, 0, 5)))
+Memory = bad("Memory", _fill)
+Leave = bad("Leave", lambda self: os._exit(3))
+Quit = bad("Quit", lambda self: sys.exit(0))
+Nonsense = bad("Nonsense", lambda self: None)
+Chatty = bad("Chatty", lambda self: (print("{", flush=True), (True, self.box))[1])
+Vandal = bad("Vandal", lambda self: (True, self.box))
+def _vandal_update(self, image):
+    image[:] = 0
+    return True, self.box
+Vandal.update = _vandal_update
+
+class Refusing(Base):
+    def init(self, image, box): return False
+
+class FailingInit(Base):
+    def init(self, image, box): raise ValueError("not this box")
+
+class Witness(Base):
+    """Says what it was given: the mean of the frame and whether the box is made of ints."""
+    def update(self, image):
+        ints = all(type(v) is int for v in self.box)
+        return True, (float(image.mean()), 1.0 + ints, image.shape[0], image.shape[1])
+
+class Scoring(Base):
+    def update(self, image):
+        self.frame += 1
+        return True, self.box
+    def getTrackingScore(self): return -1.0 if self.frame == 2 else 0.25 * self.frame
+'''
+
+
+@pytest.fixture
+def sequence(tmp_path: Path) -> Sequence:
+    """Six frames of 64 × 48, frame t of the gray level 10 t; the box moves right by 2 px per frame."""
+    folder = tmp_path / "data" / "tiny"
+    (folder / "img").mkdir(parents=True)
+    for index in range(COUNT):
+        cv2.imwrite(str(folder / "img" / f"{index + 1:04d}.png"), np.full((48, 64, 3), 10 * index, dtype=np.uint8))
+    lines = [f"{11 + 2 * index},11,20,10" for index in range(COUNT)]
+    (folder / "groundtruth_rect.txt").write_text("\n".join(lines) + "\n")
+    return load_dataset(f"otb:{folder}")[0]
+
+
+@pytest.fixture
+def bad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., TrackerSpec]:
+    """Specs of trackers made to go wrong."""
+    (tmp_path / "bad_trackers.py").write_text(BAD_TRACKERS)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def spec(name: str, **params: object) -> TrackerSpec:
+        return TrackerSpec(name, f"bad_trackers:{name}", params=params, sources=("bad_trackers",))
+
+    return spec
+
+
+def mean_iou(run: Run, sequence: Sequence) -> float:
+    """Mean IoU of a run."""
+    answer = run.trajectory
+    scores = frame_scores(sequence.boxes, sequence.visibility, answer.boxes, answer.ok, sequence.size)
+    return summarise(scores)["mean_iou"]
+
+
+STATIC = [(20 - 2 * d) / (20 + 2 * d) for d in range(1, COUNT)]
+"""IoU of the box that never moves, frame by frame."""
+
+
+@pytest.mark.parametrize(
+    ("name", "reason", "answered"),
+    [
+        ("Segfault", "crashed (SIGSEGV) at frame 3", 2),
+        ("Raise", "raised RuntimeError: no more ideas at frame 3", 2),
+        ("Leave", "ended its process with code 3 at frame 3", 2),
+        ("Quit", "ended its process at frame 3", 2),
+        ("Nonsense", "raised ValueError: update returned None, expected (ok, (x, y, w, h)) at frame 3", 2),
+        ("Refusing", "raised ValueError: init refused the box (10, 10, 20, 10) in init", 0),
+        ("FailingInit", "raised ValueError: not this box in init", 0),
+        ("Missing", "raised ValueError: cannot load", 0),
+    ],
+)
+def test_a_tracker_that_goes_wrong_keeps_what_it_had(
+    name: str, reason: str, answered: int, bad: Callable[..., TrackerSpec], sequence: Sequence
+) -> None:
+    """The reason and the frame are named; frames answered before count, all others score 0."""
+    run = run_one(Job(bad(name), sequence))
+    assert run.status.startswith(reason)
+    assert mean_iou(run, sequence) == pytest.approx(sum(STATIC[:answered]) / len(STATIC))
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("Nan", "returned a box that is not finite at frame 3"),
+        ("Outside", "returned a box outside the frame at frame 3"),
+        ("Flat", "returned a box without area at frame 3"),
+    ],
+)
+def test_a_box_that_cannot_be_meant_costs_its_frame(
+    name: str, reason: str, bad: Callable[..., TrackerSpec], sequence: Sequence
+) -> None:
+    """The run goes on, the frame scores 0 and the row is marked."""
+    run = run_one(Job(bad(name), sequence))
+    assert run.status == reason
+    assert mean_iou(run, sequence) == pytest.approx((sum(STATIC) - STATIC[2]) / len(STATIC))
+
+
+def test_a_tracker_that_hangs_is_ended(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """The limit holds, and what was answered before it counts."""
+    run = run_one(Job(bad("Hang"), sequence), limits=Limits(seconds=5.0))
+    assert run.status == "timed out after 5 s at frame 3"
+    assert run.trajectory.ok.tolist() == [True, True, True, False, False, False]
+
+
+def test_a_tracker_that_eats_memory_is_ended(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """It ends at its own limit and not at that of the machine."""
+    run = run_one(Job(bad("Memory"), sequence), limits=Limits(seconds=60.0, megabytes=400.0))
+    assert run.status == "used more than 400 MB of memory at frame 3"
+
+
+def test_what_a_tracker_prints_is_no_record(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """Standard output belongs to the tracker; the records have a way of their own."""
+    run = run_one(Job(bad("Chatty"), sequence))
+    assert run.status == COMPLETED
+    assert run.trajectory.ok.all()
+
+
+def test_a_tracker_gets_frames_and_whole_numbers(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """Frame t arrives as update t, undamaged by what was done to earlier ones, with Python ints at the start."""
+    run = run_one(Job(bad("Witness"), sequence))
+    assert run.trajectory.boxes[1:].tolist() == [[10.0 * index, 2.0, 48.0, 64.0] for index in range(1, COUNT)]
+
+
+def test_scores_are_recorded_and_minus_one_is_none(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """``getTrackingScore`` is kept per frame; OpenCV's −1 means that there is no score."""
+    score = run_one(Job(bad("Scoring"), sequence)).trajectory.score
+    np.testing.assert_array_equal(score, [np.nan, 0.25, np.nan, 0.75, 1.0, 1.25])
+
+
+@pytest.mark.parametrize("name", ["KCF", "KCF-primed", "MOSSE", "CSRT"])
+def test_cv2_trackers_run_on_gray_frames(name: str, tmp_path: Path) -> None:
+    """Gray sequences go through with every tracker of cv2."""
+    ground = cv2.GaussianBlur(np.random.default_rng(3).uniform(0, 255, (96, 128)), (0, 0), 2.0)
+    frames = np.stack([np.roll(ground, 2 * index, axis=1) for index in range(4)])
+    frames = cv2.normalize(frames, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    np.save(tmp_path / "gray.npy", frames)
+    from eval.framesource import FrameSource
+
+    boxes = np.array([[40.0 + 2 * index, 30, 32, 32] for index in range(4)])
+    source = FrameSource((str(tmp_path / "gray.npy"),), "array", 4)
+    gray = Sequence("gray", source, boxes, np.ones(4), (), (128, 96), "x")
+    assert run_one(Job(TRACKERS[name], gray)).status == COMPLETED
+
+
+def test_the_oracle_scores_one_and_the_static_box_its_closed_form(sequence: Sequence) -> None:
+    """The referee is itself refereed: both ends of its scale are where they must be."""
+    oracle, static = (run_one(Job(TRACKERS[name], sequence)) for name in ("Oracle", "Static"))
+    assert mean_iou(oracle, sequence) == 1.0
+    assert mean_iou(static, sequence) == pytest.approx(np.mean(STATIC))
+
+
+def test_the_oracle_is_no_default() -> None:
+    """What sees the truth runs only when it is named."""
+    assert "Oracle" not in DEFAULT_TRACKERS
+    assert "Static" in DEFAULT_TRACKERS
+
+
+def test_start_boxes_are_perturbed_alike_for_all_and_stay_inside(sequence: Sequence) -> None:
+    """Start 0 is exact, others differ from it by at most a tenth and the rounding, and are the same every time."""
+    assert start_box(sequence, 0) == (10, 10, 20, 10)
+    boxes = [start_box(sequence, start) for start in range(1, 30)]
+    assert boxes == [start_box(sequence, start) for start in range(1, 30)]
+    assert len(set(boxes)) > 10
+    for x, y, w, h in boxes:
+        assert abs(x + w / 2 - 20) <= 3.0
+        assert abs(y + h / 2 - 15) <= 2.0
+        assert abs(w - 20) <= 3
+        assert abs(h - 10) <= 2
+
+
+def test_a_start_box_is_cut_by_the_frame(sequence: Sequence) -> None:
+    """cv2's MIL and KCF die of a box that reaches outside: nobody gets one."""
+    from dataclasses import replace
+
+    boxes = sequence.boxes.copy()
+    boxes[0] = (-8.0, 40.0, 20.0, 30.0)
+    assert start_box(replace(sequence, boxes=boxes), 0) == (0, 40, 12, 8)
+
+
+def collect(runs: list[tuple[Run, bool, str]]) -> Callable[[Run, bool, str], None]:
+    """Report function that gathers."""
+    return lambda run, reused, note: runs.append((run, reused, note))
+
+
+def test_nothing_is_run_twice(bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path) -> None:
+    """A stored result is reused until tracker, parameters, code or sequence change."""
+    folder = Folder(tmp_path / "results")
+
+    def reused(spec: TrackerSpec, sequence: Sequence) -> bool:
+        runs: list[tuple[Run, bool, str]] = []
+        run_jobs(make_jobs([spec], [sequence]), folder, workers=1, report=collect(runs))
+        return runs[0][1]
+
+    assert not reused(bad("Fine"), sequence)
+    assert reused(bad("Fine"), sequence)
+    assert not reused(bad("Fine", gain=2), sequence)
+    assert not reused(bad("Fine"), sequence)
+    assert not reused(bad("Fine"), sequence.cut(4))
+    assert not reused(bad("Fine"), sequence)
+    (tmp_path / "bad_trackers.py").write_text(BAD_TRACKERS + "\n# changed\n")
+    assert not reused(bad("Fine"), sequence)
+
+
+def test_failures_are_run_again_on_request_only(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """A failure is a result; ``retry_failed`` gives it another chance."""
+    folder = Folder(tmp_path / "results")
+    for retry, expected in ((False, False), (False, True), (True, False)):
+        runs: list[tuple[Run, bool, str]] = []
+        jobs = make_jobs([bad("Raise")], [sequence])
+        run_jobs(jobs, folder, workers=1, retry_failed=retry, report=collect(runs))
+        assert runs[0][1] is expected
+
+
+def test_a_damaged_result_is_said_and_run_again(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """A file that was cut off is named, replaced, and never silently part of a table."""
+    folder = Folder(tmp_path / "results")
+    jobs = make_jobs([bad("Fine")], [sequence])
+    run_jobs(jobs, folder, workers=1, report=collect([]))
+    path = folder.run_path("Fine", "tiny", 0, 0)
+    path.write_text(path.read_text()[:50])
+    folder.write_manifest("test", [sequence])
+    with pytest.raises(ResultsError, match=r"tiny\.s0r0\.json is damaged"):
+        folder.read_runs()
+    runs: list[tuple[Run, bool, str]] = []
+    run_jobs(jobs, folder, workers=1, report=collect(runs))
+    assert "is damaged" in runs[0][2]
+    assert not runs[0][1]
+    assert folder.read_runs()[0].status == COMPLETED
+
+
+def test_a_full_disk_is_a_clear_message(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The error names the file and the reason, and nothing half written stays."""
+    folder = Folder(tmp_path / "results")
+
+    def full(self: Path, *_: object, **__: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    jobs = make_jobs([bad("Fine")], [sequence])
+    with monkeypatch.context() as patch:
+        # The commands of the worker are written to a temporary file by the same method: fail for results only.
+        write = Path.write_text
+        patch.setattr(
+            Path, "write_text", lambda self, *a, **k: full(self) if "results" in self.parts else write(self, *a, **k)
+        )
+        with pytest.raises(ResultsError, match=r"tiny\.s0r0\.json: No space left on device"):
+            run_jobs(jobs, folder, workers=2, report=collect([]))
+    assert [path.name for path in (tmp_path / "results").rglob("*.*")] == []
+
+
+def test_an_interrupted_run_goes_on(bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path) -> None:
+    """Ctrl-C ends the command soon, leaves no process behind, records nothing false, and the next run resumes."""
+    command = [sys.executable, "-m", "eval", "run", "--dataset", f"otb:{tmp_path / 'data'}", "--out", str(tmp_path)]
+    command += ["--trackers", "bad_trackers:Fine", "bad_trackers:Hang"]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
+    stored = tmp_path / "otb-data" / "tracks"
+    deadline = time.monotonic() + 60.0
+    while not list(stored.glob("*Fine/*.json")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, message = process.communicate(timeout=30.0)
+    assert process.returncode == 130
+    assert "interrupted" in message
+    assert [path.parent.name for path in stored.glob("*/*.json")] == ["bad_trackers_Fine"]
+
+
+def test_a_cancelled_job_is_not_recorded(bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path) -> None:
+    """When one job cannot be stored, the others end too, and none of them is taken for a failure of its tracker."""
+    folder = Folder(tmp_path / "results")
+    jobs = make_jobs([bad("Fine"), bad("Hang")], [sequence])
+
+    def stop(run: Run, reused: bool, note: str) -> None:
+        raise KeyboardInterrupt
+
+    start = threading.active_count()
+    with pytest.raises(KeyboardInterrupt):
+        run_jobs(jobs, folder, workers=2, limits=Limits(seconds=60.0), report=stop)
+    assert not folder.run_path("Hang", "tiny", 0, 0).exists()
+    assert threading.active_count() <= start + 4
+
+
+def test_repeats_and_starts_are_jobs_of_their_own(sequence: Sequence) -> None:
+    """MIL runs three times from the exact box and once from each perturbed one."""
+    jobs = make_jobs([TRACKERS["MIL"], TRACKERS["CSRT"]], [sequence], starts=2)
+    found = [(job.tracker.name, job.start, job.repeat) for job in jobs]
+    mil = [("MIL", 0, 0), ("MIL", 0, 1), ("MIL", 0, 2), ("MIL", 1, 0), ("MIL", 2, 0)]
+    assert found == [*mil, ("CSRT", 0, 0), ("CSRT", 1, 0), ("CSRT", 2, 0)]
+    assert len({job.key("v") for job in jobs if job.tracker.name == "MIL"}) == 5
+
+
+def test_names_are_looked_up_and_unknown_ones_list_the_known() -> None:
+    """A plugin is ``pkg.module:factory``; anything else must be in the table."""
+    assert find_tracker("CSRT") is TRACKERS["CSRT"]
+    assert find_tracker("eval.trackers:Static").factory == "eval.trackers:Static"
+    with pytest.raises(ValueError, match=r"unknown tracker 'CSTR'; known: TrackerHS, CSRT"):
+        find_tracker("CSTR")
+    with pytest.raises(ValueError, match="cannot find the module 'no_such_package'"):
+        find_tracker("no_such_package:make")
+
+
+def test_the_version_follows_source_and_parameters(bad: Callable[..., TrackerSpec], tmp_path: Path) -> None:
+    """Only what the answers depend on changes the key."""
+    before = code_version(bad("Fine"))
+    assert code_version(bad("Fine")) == before
+    assert code_version(bad("Fine", rate=0.1)) != before
+    (tmp_path / "bad_trackers.py").write_text(BAD_TRACKERS + "\n")
+    assert code_version(bad("Fine")) != before
+
+
+def test_speed_is_measured_side_by_side_and_survives(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """Each tracker gets its times; one that dies is marked and the others go on; the second call measures nothing."""
+    folder = Folder(tmp_path / "results")
+    specs = [bad(name) for name in ("Fine", "Segfault", "Raise", "Hang", "FailingInit")]
+    found: list[tuple[SpeedRun, bool]] = []
+    for _ in range(2):
+        measure_speed(
+            specs,
+            [sequence],
+            folder,
+            frames=4,
+            warm_up=1,
+            limits=Limits(seconds=6.0),
+            report=lambda run, reused: found.append((run, reused)),
+        )
+    (first, reused), (_, again) = found
+    assert (reused, again) == (False, True)
+    assert {name: len(times) for name, times in first.milliseconds.items()} == {
+        "Fine": 4,
+        "Segfault": 1,
+        "Raise": 1,
+        "Hang": 1,
+        "FailingInit": 0,
+    }
+    assert all(value >= 0 for value in first.milliseconds["Fine"])
+    assert first.status["Fine"] == COMPLETED
+    assert first.status["Segfault"] == "crashed (SIGSEGV)"
+    assert first.status["Raise"].startswith("raised RuntimeError")
+    assert first.status["Hang"] == "timed out after 6 s"
+    assert json.loads(folder.speed_path("tiny").read_text())["provenance"]["opencv"] == cv2.__version__
