@@ -119,8 +119,8 @@ def test_standard_covers_the_difficulties() -> None:
     held = {attribute for spec in SUITES["standard"] for attribute in spec.attributes}
     wanted = (
         "translation rotation out_of_plane glint morph flicker deformation plain_object plain_background "
-        "low_contrast noise fast small large scale shadow stop occlusion full_occlusion jitter pan zoom distractor blur "
-        "jpeg gray articulated"
+        "low_contrast noise fast small large scale shadow stop occlusion full_occlusion jitter pan zoom "
+        "distractor blur jpeg gray articulated"
     )
     assert set(wanted.split()) <= held
 
