@@ -100,9 +100,12 @@ def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     ValueError
         If there is no readable .flo file.
     """
-    flow = cv2.readOpticalFlow(str(path)) if path.is_file() else None
-    if flow is None:
+    # Not cv2.readOpticalFlow: it does not check the length, and allocates terabytes on a truncated file.
+    raw = path.read_bytes() if path.is_file() else b""
+    width, height = np.frombuffer(raw, "<i4", 2, 4) if len(raw) > 12 else (0, 0)
+    if raw[:4] != b"PIEH" or width < 1 or height < 1 or len(raw) != 12 + 8 * int(width) * int(height):
         raise ValueError(f"expected a Middlebury .flo file, got {path}")
+    flow = np.frombuffer(raw, "<f4", offset=12).reshape(height, width, 2)
     valid = np.asarray((np.abs(flow) <= UNKNOWN_FLOW).all(axis=2), dtype=np.bool_)
     return np.where(valid[:, :, np.newaxis], flow, np.float32(0)).astype(np.float32), valid
 
