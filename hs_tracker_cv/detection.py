@@ -127,8 +127,8 @@ class DetectionFields:
 
     window: Box
     step: float
-    prev: Plane
-    curr: Plane
+    previous: Plane
+    current: Plane
     Fx: Plane
     Fy: Plane
     Ft: Plane
@@ -256,7 +256,7 @@ class MotionDetector:
         rows, columns = area
         box = Box.from_edges(columns.start * sx, rows.start * sy, columns.stop * sx, rows.stop * sy)
         u, v = fields.flow[area][part].mean(axis=0)
-        corners = cv2.goodFeaturesToTrack(fields.curr, self.params.max_corners, 0.05, 3.0, mask=whole)
+        corners = cv2.goodFeaturesToTrack(fields.current, self.params.max_corners, 0.05, 3.0, mask=whole)
         points = np.zeros((0, 2), np.float32) if corners is None else corners.reshape(-1, 2)
         return Region(
             box,

@@ -60,7 +60,7 @@ class FlowFields(Protocol):
         """Frame px per array pixel."""
 
     @property
-    def curr(self) -> NDArray[np.float32]:
+    def current(self) -> NDArray[np.float32]:
         """Gray window of the current frame, (h, w), 0–255."""
 
     @property
@@ -396,9 +396,9 @@ def _normal_tile(fields: FlowFields, speed: float, size: tuple[int, int]) -> Pic
 
 def _arrows(fields: FlowFields, speed: float, size: tuple[int, int]) -> Picture:
     """The flow as arrows on the darkened window, about 18 px apart, the longest 1.5 spacings long."""
-    picture = _fit(_gray_to_bgr(fields.curr * 0.55), size)
-    scale = _fit_scale(fields.curr.shape, size)
-    height, width = fields.curr.shape
+    picture = _fit(_gray_to_bgr(fields.current * 0.55), size)
+    scale = _fit_scale(fields.current.shape, size)
+    height, width = fields.current.shape
     spacing, unit = 18.0 / scale, 1.5 * 18.0 / speed
     for y in np.arange(spacing / 2, height, spacing):
         for x in np.arange(spacing / 2, width, spacing):
@@ -434,14 +434,14 @@ def _legend(picture: Picture) -> None:
 
 
 def _mask_picture(fields: FlowFields, box: Box | None, state: str, size: tuple[int, int]) -> Picture:
-    picture = _fit(_gray_to_bgr(fields.curr * 0.45), size)
-    scale = _fit_scale(fields.curr.shape, size)
+    picture = _fit(_gray_to_bgr(fields.current * 0.45), size)
+    scale = _fit_scale(fields.current.shape, size)
     colour = STATE_COLOURS.get(state, STATE_COLOURS["lost"])
     if fields.mask is not None:
         large = cv2.resize(
             fields.mask.astype(np.uint8), (picture.shape[1], picture.shape[0]), interpolation=cv2.INTER_NEAREST
         )
-        lit = _fit(_gray_to_bgr(fields.curr), size)
+        lit = _fit(_gray_to_bgr(fields.current), size)
         picture[large > 0] = lit[large > 0]
         edges, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         cv2.drawContours(picture, edges, -1, WINDOW, 1, cv2.LINE_AA)

@@ -16,7 +16,7 @@ from hs_tracker_cv.geometry import Box
 class _Fields:
     window: Box
     step: float
-    curr: NDArray[np.float32]
+    current: NDArray[np.float32]
     Fx: NDArray[np.float32]
     Fy: NDArray[np.float32]
     Ft: NDArray[np.float32]

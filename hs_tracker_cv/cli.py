@@ -1,0 +1,345 @@
+"""`hs-track`: follow one object through a video; boxes as CSV, an overlay video, the paper's panels.
+
+This module and ``__main__`` are the only ones that print. Errors are one line on stderr: exit code 2 for a
+command that cannot be meant, 1 for input or output that fails, 130 for Ctrl-C; what was written stays.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
+
+import cv2
+import numpy as np
+import tyro
+
+from .detection import FirstMover
+from .display import FlowFields, draw_box, render_panels
+from .frames import InputError, as_frame, as_roi
+from .geometry import Box
+from .tracker import TrackerHS
+from .video import VideoError, VideoSink, VideoSource, open_source
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+__all__ = ["Options", "Step", "main", "steps"]
+
+PROGRAM = "hs-track"
+USAGE, FAILURE, INTERRUPTED = 2, 1, 130
+COLUMNS = ("frame", "x", "y", "w", "h", "ok", "score")
+
+DESCRIPTION = """Follow one object through a video, a camera or a folder of images.
+
+Without --roi and --select the first object that moves is followed.
+
+Other commands: `hs-track warmup` compiles the kernels in advance, `hs-track app` opens the live page in a browser.
+"""
+
+
+class UsageError(ValueError):
+    """A command that cannot be meant; the message is one line."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to follow and where to write.
+
+    Parameters
+    ----------
+    video
+        Video file, number of a camera, or folder of images.
+    roi
+        The object in the first frame, in px: x,y,w,h.
+    select
+        Open a local page and drag the box on the first frame.
+    out
+        Overlay video: .webm (plays in a browser), .mkv or .avi (lossless). Default: NAME.hs.webm.
+    csv
+        Boxes: frame,x,y,w,h,ok,score. Default: NAME.hs.csv.
+    panels
+        Write the paper's display (Fx, Fy, Ft, flow, normal flow, mask) too, as NAME.hs.panels.webm beside the
+        overlay video.
+    max_frames
+        Stop after so many frames.
+    """
+
+    video: Annotated[str, tyro.conf.Positional]
+    roi: Annotated[str | None, tyro.conf.arg(metavar="X,Y,W,H")] = None
+    select: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    panels: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    max_frames: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One frame and what is known after it.
+
+    Parameters
+    ----------
+    index : int
+        From 0.
+    frame : ndarray
+    box : Box or None
+        None while there is no object, or it is lost.
+    state : str
+        "searching" before the first object, then the tracker's state.
+    score : float
+        0 to 1.
+    fields : FlowFields or None
+        What there is to show in the panels.
+    seconds : float
+        Time of the tracker's update; 0 for other frames.
+    """
+
+    index: int
+    frame: Any
+    box: Box | None
+    state: str
+    score: float
+    fields: FlowFields | None
+    seconds: float = 0.0
+
+
+@dataclass
+class _Tally:
+    """Counts for the line at the end."""
+
+    searching: int = 0
+    followed: int = 0
+    lost: int = 0
+    seconds: list[float] = field(default_factory=list)
+
+    def add(self, step: Step) -> None:
+        self.searching += step.state == "searching"
+        self.followed += step.box is not None
+        self.lost += step.box is None and step.state != "searching"
+        if step.seconds:
+            self.seconds.append(step.seconds)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        if arguments[:1] == ["warmup"]:
+            return _warmup()
+        if arguments[:1] == ["app"]:
+            from .app import serve
+
+            return serve(arguments[1:])
+        options = tyro.cli(Options, args=arguments, prog=PROGRAM, description=DESCRIPTION)
+        return _run(options)
+    except UsageError as error:
+        return _complain(error, USAGE)
+    except (VideoError, InputError, OSError, ImportError) as error:
+        return _complain(error, FAILURE)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _complain(error: Exception, code: int) -> int:
+    print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
+    return code
+
+
+def _warmup() -> int:
+    """Compile and cache every kernel, so that the first real video starts at once."""
+    started = time.perf_counter()
+    rng = np.random.default_rng(0)
+    ground = cv2.GaussianBlur(rng.integers(0, 256, (96, 128, 3), dtype=np.uint8), (0, 0), 1.0)
+    mover = FirstMover()
+    for start in (ground, ground[:, :, 0]):
+        tracker = TrackerHS()
+        tracker.init(start, (40, 30, 32, 32))
+        for shift in (1, 2, 3):
+            frame = start.copy()
+            frame[30:62, 40 + shift : 72 + shift] = start[30:62, 40:72]
+            tracker.update(frame)
+            mover.update(frame if frame.ndim == 3 else cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))
+    print(f"{PROGRAM}: kernels ready after {time.perf_counter() - started:.1f} s")
+    return 0
+
+
+def _run(options: Options) -> int:
+    roi = _parsed_roi(options.roi) if options.roi is not None else None
+    if roi is not None and options.select:
+        raise UsageError("--roi and --select exclude each other")
+    if options.max_frames is not None and options.max_frames < 1:
+        raise UsageError(f"expected --max-frames of at least 1, got {options.max_frames}")
+    with open_source(options.video) as source:
+        if options.select:
+            roi = _selected(source)
+        if roi is not None:
+            _check_roi(roi, source)
+        return _follow(source, roi, options)
+
+
+def _parsed_roi(text: str) -> Box:
+    try:
+        x, y, w, h = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UsageError(f"expected --roi x,y,w,h in px, got {text!r}") from None
+    return Box(x, y, w, h)
+
+
+def _check_roi(roi: Box, source: VideoSource) -> None:
+    try:
+        as_roi(roi, as_frame(source.first))
+    except InputError as error:
+        raise UsageError(str(error)) from error
+
+
+def _selected(source: VideoSource) -> Box:
+    from .app import select_roi
+
+    roi = select_roi(source.first)
+    if roi is None:
+        raise UsageError("no box was selected")
+    return roi
+
+
+def _follow(source: VideoSource, roi: Box | None, options: Options) -> int:
+    """Write every step as it comes; on an error or Ctrl-C what was written stays and is finished."""
+    video = options.out if options.out is not None else Path(f"{source.name}.hs.webm")
+    boxes = options.csv if options.csv is not None else Path(f"{source.name}.hs.csv")
+    panels = video.with_name(f"{video.stem}.panels{video.suffix}") if options.panels else None
+    _check_targets(options.video, [path for path in (video, boxes, panels) if path is not None])
+    tally, code = _Tally(), 0
+    try:
+        with ExitStack() as stack:
+            overlay_sink = stack.enter_context(VideoSink(video, source.fps))
+            panel_sink = stack.enter_context(VideoSink(panels, source.fps)) if panels is not None else None
+            table = stack.enter_context(boxes.open("w", newline="", encoding="utf-8"))
+            progress = stack.enter_context(_progress())
+            task = progress.add_task(source.name, total=_total(source, options))
+            csv.writer(table).writerow(COLUMNS)
+            for step in steps(source.frames, roi, show=panels is not None, max_frames=options.max_frames):
+                _write_row(table, step)
+                overlay_sink.write(draw_box(step.frame, step.box, **_labels(step)))
+                if panel_sink is not None:
+                    panel_sink.write(render_panels(step.frame, step.fields, step.box, **_labels(step)))
+                tally.add(step)
+                progress.update(task, advance=1, description=f"{source.name}  {step.state}")
+    except (VideoError, InputError, OSError) as error:
+        code = _complain(error, FAILURE)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    _summarise(source.name, tally, [path for path in (video, boxes, panels) if path is not None], code)
+    return code
+
+
+def _check_targets(video: str, targets: list[Path]) -> None:
+    for number, path in enumerate(targets):
+        if path.exists() and Path(video).exists() and path.samefile(video):
+            raise UsageError(f"{path}: would overwrite the input")
+        if path in targets[:number]:
+            raise UsageError(f"{path}: is named for two outputs")
+
+
+def _total(source: VideoSource, options: Options) -> int | None:
+    if source.count is None or options.max_frames is None:
+        return source.count if source.count is not None else options.max_frames
+    return min(source.count, options.max_frames)
+
+
+def _progress() -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+
+
+def steps(
+    frames: Iterator[Any], roi: Box | None, *, show: bool = False, max_frames: int | None = None
+) -> Iterator[Step]:
+    """Follow an object through frames.
+
+    Parameters
+    ----------
+    frames : iterator of ndarray
+    roi : Box or None
+        The object in the first frame; None waits for the first that moves.
+    show : bool
+        Also give what the panels need, which costs a little.
+    max_frames : int, optional
+        Stop after so many.
+
+    Yields
+    ------
+    Step
+        One per frame.
+
+    Raises
+    ------
+    VideoError
+        Where the source breaks.
+    InputError
+        If a frame or the ROI cannot be used.
+    """
+    tracker, mover = TrackerHS(), FirstMover()
+    for index, frame in enumerate(frames):
+        if tracker.initialised:
+            yield _updated(tracker, index, frame, show)
+        else:
+            region = None if roi is not None else mover.update(frame)
+            box = roi if region is None else region.box
+            if box is None:
+                yield Step(index, frame, None, "searching", 0.0, mover.fields if show else None)
+            else:
+                tracker.init(frame, box)
+                yield Step(index, frame, tracker.box, "tracking", tracker.getTrackingScore(), mover.fields)
+        if max_frames is not None and index + 1 >= max_frames:
+            return
+
+
+def _updated(tracker: TrackerHS, index: int, frame: Any, show: bool) -> Step:
+    started = time.perf_counter()
+    ok, _ = tracker.update(frame)
+    seconds = time.perf_counter() - started
+    box = tracker.box if ok else None
+    return Step(
+        index, frame, box, tracker.state, tracker.getTrackingScore(), tracker.debug() if show else None, seconds
+    )
+
+
+def _labels(step: Step) -> dict[str, Any]:
+    score = None if step.state == "searching" else step.score
+    return {"state": step.state, "score": score, "note": f"frame {step.index}"}
+
+
+def _write_row(table: TextIO, step: Step) -> None:
+    """Write one row, at once: a run that is killed leaves every box it has found."""
+    box = step.box if step.box is not None else Box(0.0, 0.0, 0.0, 0.0)
+    sides = (f"{value:.2f}" for value in box)
+    csv.writer(table).writerow((step.index, *sides, int(step.box is not None), f"{step.score:.3f}"))
+    table.flush()
+
+
+def _summarise(name: str, tally: _Tally, written: list[Path], code: int) -> None:
+    frames = tally.searching + tally.followed + tally.lost
+    parts = [f"{frames} frames", f"object in {tally.followed}"]
+    if tally.searching:
+        parts.append(f"none yet in {tally.searching}")
+    if tally.lost:
+        parts.append(f"lost in {tally.lost}")
+    if tally.seconds:
+        parts.append(f"{1e3 * float(np.median(tally.seconds)):.1f} ms per update")
+    ending = " (interrupted)" if code == INTERRUPTED else ""
+    files = ", ".join(str(path) for path in written if path.exists())
+    print(f"{name}: {', '.join(parts)}{ending}; wrote {files or 'nothing'}")
