@@ -1,77 +1,117 @@
-"""Horn–Schunck optical flow with the call of ``cv2.DenseOpticalFlow``."""
+"""Horn–Schunck optical flow with the call of ``cv2.DenseOpticalFlow`` and the results of MATLAB's ``opticalFlowHS``.
+
+B. K. P. Horn and B. G. Schunck, "Determining Optical Flow", Artificial Intelligence 17 (1981) 185–203,
+doi:10.1016/0004-3702(81)90024-2.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import InputError, as_frame, crop, to_gray
-from . import kernels
+from . import kernels, multigrid, pyramid
+from .params import DERIVATIVES, FlowParams
 
-__all__ = ["FlowParams", "HornSchunck", "derivatives", "normal_flow"]
+__all__ = ["FlowField", "HornSchunck", "derivatives", "normal_flow"]
 
-DERIVATIVES = ("cube", "five-tap")
-MIN_LEVEL_SIDE = 16
+Gray = NDArray[np.float32]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FlowParams:
-    """What a flow estimate is made with.
+@dataclass(frozen=True, eq=False)
+class FlowField:
+    """A flow with the names of MATLAB's ``opticalFlow`` object.
 
     Parameters
     ----------
-    mode : str
-        "classic", "solve", "fast", "default" or "accurate".
-    smoothness : float
-        λ, in gray levels of a 0–255 image; the energy holds λ².
-    iterations : int
-        Sweeps: in all for "classic", at most for "solve", per warp for the others.
-    levels : int
-        Most levels of the pyramid; fewer when the coarsest would be under 16 px.
-    ratio : float
-        Side of a level over the side of the next finer one, in (0, 1).
-    warps : int
-        Linearisations per level.
-    median : int
-        Side of the median filter after each warp, px: 0 (none), 3 or 5.
-    tolerance : float
-        Relative residual at which "solve" stops.
-    derivative : str
-        "cube" (2 × 2 × 2, the paper) or "five-tap" (Barron, Fleet & Beauchemin 1994).
+    flow : ndarray, shape (H, W, 2), float32
+        u to the right and v downwards, px per frame.
     """
 
-    mode: str
-    smoothness: float
-    iterations: int
-    levels: int = 1
-    ratio: float = 0.65
-    warps: int = 1
-    median: int = 0
-    tolerance: float = 0.0
-    derivative: str = "cube"
+    flow: NDArray[np.float32]
 
+    @property
+    def Vx(self) -> NDArray[np.float32]:
+        """Component to the right, (H, W), px per frame."""
+        return self.flow[:, :, 0]
 
-PRESETS: dict[str, FlowParams] = {
-    "classic": FlowParams(mode="classic", smoothness=10.0, iterations=100),
-    "solve": FlowParams(mode="solve", smoothness=10.0, iterations=2000, tolerance=1e-3),
-    "fast": FlowParams(
-        mode="fast", smoothness=5.0, iterations=10, levels=32, warps=1, median=5, derivative="five-tap"
-    ),
-    "default": FlowParams(
-        mode="default", smoothness=7.0, iterations=10, levels=32, warps=3, median=5, derivative="five-tap"
-    ),
-    "accurate": FlowParams(
-        mode="accurate", smoothness=4.5, iterations=10, levels=32, ratio=0.8, warps=10, median=5, derivative="five-tap"
-    ),
-}
+    @property
+    def Vy(self) -> NDArray[np.float32]:
+        """Component downwards, (H, W), px per frame."""
+        return self.flow[:, :, 1]
+
+    @property
+    def Orientation(self) -> NDArray[np.float32]:
+        """Angle from the x axis towards the (downward) y axis, (H, W), radians in [−π, π]."""
+        return np.asarray(np.arctan2(self.Vy, self.Vx), np.float32)
+
+    @property
+    def Magnitude(self) -> NDArray[np.float32]:
+        """Length, (H, W), px per frame."""
+        return np.asarray(np.hypot(self.Vx, self.Vy), np.float32)
+
+    def plot(self, ax: Any = None, *, decimation: int = 8, scale: float = 1.0) -> Any:
+        """Draw the flow as arrows with matplotlib, which this alone needs.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; the current axes if absent.
+        decimation : int
+            Draw one arrow per that many pixels, both ways.
+        scale : float
+            Length of an arrow over that of its flow.
+
+        Returns
+        -------
+        matplotlib Axes
+        """
+        if decimation < 1:
+            raise ValueError(f"expected decimation >= 1, got {decimation!r}")
+        if ax is None:
+            import matplotlib.pyplot as plt
+
+            ax = plt.gca()
+        height, width = self.flow.shape[:2]
+        y, x = np.mgrid[decimation // 2 : height : decimation, decimation // 2 : width : decimation]
+        arrows = self.flow[y, x] * scale
+        ax.quiver(x, y, arrows[..., 0], arrows[..., 1], angles="xy", scale_units="xy", scale=1.0)
+        ax.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
+        return ax
 
 
 class HornSchunck:
-    """Dense flow between two frames."""
+    """Dense optical flow by Horn & Schunck (1981).
+
+    An object keeps the memory it works in from call to call, so use one per thread; objects do not share anything.
+
+    Parameters
+    ----------
+    mode : {"classic", "solve", "fast", "default", "accurate"}
+        Preset, see :data:`~hs_tracker_cv.flow.params.PRESETS`. "classic": the paper's sweeps (λ = 10, 100 sweeps);
+        "solve": the paper's linear system, solved (λ = 10); "fast", "default", "accurate": coarse-to-fine warping
+        (λ = 4) for displacements of many pixels.
+    smoothness, iterations, levels, ratio, warps, median, presmooth, outlier, tolerance, derivative, gain : optional
+        Replace a value of the preset, see :class:`FlowParams`. λ is in gray levels of a 0–255 image.
+
+    Raises
+    ------
+    ValueError
+        If the mode is unknown, a value is out of range or has no meaning in the mode.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> y, x = np.mgrid[:64, :64]
+    >>> frame0 = 128 + 60 * np.sin(x / 5) + 60 * np.cos(y / 7)
+    >>> frame1 = 128 + 60 * np.sin((x - 1) / 5) + 60 * np.cos(y / 7)
+    >>> flow = HornSchunck().calc(frame0, frame1)
+    >>> flow.shape, np.round(flow[32, 32]).tolist()
+    ((64, 64, 2), [1.0, 0.0])
+    """
 
     def __init__(
         self,
@@ -83,103 +123,191 @@ class HornSchunck:
         ratio: float | None = None,
         warps: int | None = None,
         median: int | None = None,
+        presmooth: float | None = None,
+        outlier: float | None = None,
         tolerance: float | None = None,
         derivative: str | None = None,
+        gain: float | None = None,
     ) -> None:
-        if mode not in PRESETS:
-            raise ValueError(f"expected mode to be one of {', '.join(PRESETS)}, got {mode!r}")
-        given = {
-            "smoothness": smoothness,
-            "iterations": iterations,
-            "levels": levels,
-            "ratio": ratio,
-            "warps": warps,
-            "median": median,
-            "tolerance": tolerance,
-            "derivative": derivative,
-        }
-        self.params = replace(PRESETS[mode], **{k: v for k, v in given.items() if v is not None})
-        self._work = np.zeros(0, np.float32)
+        self.params = FlowParams.preset(
+            mode,
+            smoothness=smoothness,
+            iterations=iterations,
+            levels=levels,
+            ratio=ratio,
+            warps=warps,
+            median=median,
+            presmooth=presmooth,
+            outlier=outlier,
+            tolerance=tolerance,
+            derivative=derivative,
+            gain=gain,
+        )
+        self._memory = np.zeros(0, np.float32)
+        self._previous: Gray | None = None
 
-    def calc(self, I0: Any, I1: Any, flow: Any = None) -> NDArray[np.float32]:  # noqa: N803
-        """Flow from I0 to I1."""
-        frame0, frame1 = _gray(I0), _gray(I1)
-        if frame0.shape != frame1.shape:
-            raise InputError(f"expected two frames of one shape, got {frame0.shape} and {frame1.shape}")
-        h, w = frame0.shape
-        out = np.zeros((h, w, 2), np.float32)
-        if flow is not None:
-            if np.shape(flow) != out.shape:
-                raise InputError(f"expected a start flow of shape {out.shape}, got {np.shape(flow)}")
-            out[...] = flow
-        p = self.params
-        five = p.derivative == "five-tap"
-        plane = (h + 4) * (w + 4)
-        if p.mode in ("classic", "solve"):
-            self._reserve(kernels.FLOW_PLANES * plane)
+    def calc(self, I0: Any, I1: Any, flow: Any = None) -> NDArray[np.float32]:
+        """Flow from one frame to the next.
+
+        Parameters
+        ----------
+        I0, I1 : ndarray or cv2.UMat
+            Frames as :func:`hs_tracker_cv.frames.as_frame` takes them, of one size; colour is converted to gray.
+            Never written to. Values that are not finite read as 0.
+        flow : ndarray, shape (H, W, 2), optional
+            First guess, px per frame; zero if absent. Never written to.
+
+        Returns
+        -------
+        ndarray, shape (H, W, 2), float32
+            The whole flow, the first guess included: I0[y, x] ≈ I1[y + v, x + u]; u = [..., 0] to the right,
+            v = [..., 1] downwards, px per frame.
+
+        Raises
+        ------
+        InputError
+            If a frame cannot be used or the shapes differ.
+        """
+        first, second = _gray_pair(I0, I1, self.params.gain)
+        return self._calc(first, second, flow)
+
+    def estimate(self, frame: Any) -> FlowField:
+        """Flow from the frame of the last call to this one; zero at the first call and after :meth:`reset`.
+
+        Raises
+        ------
+        InputError
+            If the frame cannot be used or its size has changed.
+        """
+        previous = self._previous
+        current, _ = _gray_pair(frame, frame, self.params.gain)
+        if previous is None:
+            self._previous = current.copy()
+            return FlowField(np.zeros((*current.shape, 2), np.float32))
+        field = FlowField(self._calc(previous, current, None))
+        self._previous = current.copy()
+        return field
+
+    def reset(self) -> None:
+        """Forget the previous frame of :meth:`estimate`."""
+        self._previous = None
+
+    def _calc(self, first: Gray, second: Gray, start: Any) -> NDArray[np.float32]:
+        if first.shape != second.shape:
+            raise InputError(f"expected two frames of one size, got {first.shape} and {second.shape}")
+        height, width = first.shape
+        started = start is not None
+        out = np.zeros((height, width, 2), np.float32)
+        if started:
+            if np.shape(start) != out.shape:
+                raise InputError(f"expected a start flow of shape {out.shape}, got {np.shape(start)}")
+            out[...] = start
+        frame0, frame1 = first[:, :, np.newaxis], second[:, :, np.newaxis]
+        params = self.params
+        if params.mode == "classic":
+            memory = self._reserve(kernels.FLOW_PLANES * (height + 4) * (width + 4))
             kernels.jacobi(
-                frame0[:, :, None], frame1[:, :, None], out, self._work, five, p.iterations, np.float32(p.smoothness)
+                frame0,
+                frame1,
+                out,
+                memory,
+                params.derivative == "five-tap",
+                params.iterations,
+                np.float32(params.smoothness),
             )
-            return out
-        sizes, total = _level_sizes(h, w, p.levels, p.ratio)
-        self._reserve(kernels.FLOW_PLANES * plane + 2 * (w + 4) + 4 * total)
-        kernels.coarse_to_fine(
-            frame0[:, :, None], frame1[:, :, None], out, flow is not None, sizes, self._work, five, p.warps, p.iterations, _RHO, p.median,
-            np.float32(p.smoothness), *_TAPS,
-        )  # fmt: skip
+        elif params.mode == "solve":
+            memory = self._reserve(multigrid.plan(height, width).memory)
+            multigrid.solve(frame0, frame1, out, started, params, memory)
+        else:
+            memory = self._reserve(pyramid.plan(height, width, params).memory)
+            pyramid.estimate(frame0, frame1, out, started, params, memory)
         return out
 
-    def _reserve(self, size: int) -> None:
-        if self._work.size < size:
-            self._work = np.zeros(size, np.float32)
+    def _reserve(self, size: int) -> NDArray[np.float32]:
+        """Memory of at least `size` floats, kept; it only grows."""
+        if self._memory.size < size:
+            self._memory = np.zeros(size, np.float32)
+        return self._memory
 
     def __getstate__(self) -> dict[str, Any]:
-        """State without the workspace, which the copy makes anew."""
-        return {**self.__dict__, "_work": np.zeros(0, np.float32)}
+        """State without the memory, which a copy grows anew."""
+        return {**self.__dict__, "_memory": np.zeros(0, np.float32)}
 
 
-def _gaussian(sigma: float) -> tuple[np.float32, ...]:
-    taps = np.exp(-0.5 * (np.arange(3) / sigma) ** 2)
-    return tuple(np.float32(t) for t in taps / (taps[0] + 2 * taps[1:].sum()))
+def _gray_pair(first: Any, second: Any, gain: float | None) -> tuple[Gray, Gray]:
+    """Both frames as gray float32 in 0–255, of one gain; arrays that are so already are passed on, not copied."""
+    if _is_plain(first) and _is_plain(second):
+        if gain is None:
+            gain = 255.0 if first.size and max(first.max(), second.max()) <= 1.0 else 1.0
+        if gain == 1.0 and first.size and second.size:
+            return first, second
+    frames = as_frame(first, gain), as_frame(second, gain)
+    if gain is None and frames[0].pixels.dtype.kind == "f":
+        # One bright frame tells the range of both.
+        gain = min(frame.gain for frame in frames)
+        frames = as_frame(first, gain), as_frame(second, gain)
+    one, two = (to_gray(crop(frame, 0, 0, frame.width, frame.height)) for frame in frames)
+    return one, two
 
 
-_TAPS = _gaussian(0.6)
-_RHO = np.float32(0.97)
+def _is_plain(image: Any) -> bool:
+    # Numba compiles anew for read-only and for unaligned arrays; those take the copying path.
+    return (
+        isinstance(image, np.ndarray) and image.dtype == np.float32 and image.ndim == 2 and bool(image.flags.carray)
+    )
 
 
-@lru_cache(maxsize=4096)
-def _level_sizes(h: int, w: int, levels: int, ratio: float) -> tuple[NDArray[np.uint64], int]:
-    sizes = [(h, w)]
-    while len(sizes) < levels:
-        scale = ratio ** len(sizes)
-        size = (round(h * scale), round(w * scale))
-        if min(size) < MIN_LEVEL_SIDE:
-            break
-        sizes.append(size)
-    return np.array(sizes, np.uint64), sum((a + 4) * (b + 4) for a, b in sizes)
+def derivatives(I0: Any, I1: Any, derivative: str = "cube") -> tuple[Gray, Gray, Gray]:
+    """F_x, F_y and F_t of two frames (step 3 of the paper).
 
+    Parameters
+    ----------
+    I0, I1 : ndarray or cv2.UMat
+        Frames of one size, as :meth:`HornSchunck.calc` takes them.
+    derivative : {"cube", "five-tap"}
+        "cube": the 2 × 2 × 2 cube, valid at (x + ½, y + ½, t + ½). "five-tap": Barron, Fleet & Beauchemin's
+        [1 −8 0 8 −1] / 12 on the mean of both frames and the plain difference in time, valid at (x, y, t + ½).
 
-def _gray(image: Any) -> NDArray[np.float32]:
-    if isinstance(image, np.ndarray) and image.dtype == np.float32 and image.ndim == 2 and image.flags.c_contiguous:
-        return image
-    frame = as_frame(image)
-    return to_gray(crop(frame, 0, 0, frame.width, frame.height))
+    Returns
+    -------
+    Fx, Fy, Ft : ndarray, shape (H, W), float32
+        Gray levels (0–255) per px, per px and per frame; F_t is I1 less I0.
 
-
-def derivatives(I0: Any, I1: Any, derivative: str = "cube") -> NDArray[np.float32]:  # noqa: N803
-    """F_x, F_y, F_t as one array (3, H, W) float32."""
-    frame0, frame1 = _gray(I0), _gray(I1)
+    Raises
+    ------
+    ValueError
+        If the name is unknown.
+    InputError
+        If a frame cannot be used or the sizes differ.
+    """
     if derivative not in DERIVATIVES:
-        raise ValueError(f"expected derivative to be one of {', '.join(DERIVATIVES)}, got {derivative!r}")
-    h, w = frame0.shape
-    out = np.empty((h, w, 3), np.float32)
-    work = np.zeros(5 * (h + 4) * (w + 4), np.float32)
-    kernels.write_derivatives(frame0[:, :, None], frame1[:, :, None], derivative == "five-tap", out, work)
-    return out
+        raise ValueError(f"expected derivative to be one of {', '.join(map(repr, DERIVATIVES))}, got {derivative!r}")
+    first, second = _gray_pair(I0, I1, None)
+    if first.shape != second.shape:
+        raise InputError(f"expected two frames of one size, got {first.shape} and {second.shape}")
+    height, width = first.shape
+    out = np.empty((height, width, 3), np.float32)
+    memory = np.zeros(5 * (height + 4) * (width + 4), np.float32)
+    kernels.write_derivatives(
+        first[:, :, np.newaxis], second[:, :, np.newaxis], derivative == "five-tap", out, memory
+    )
+    fx, fy, ft = (np.ascontiguousarray(out[:, :, i]) for i in range(3))
+    return fx, fy, ft
 
 
-def normal_flow(Fx: NDArray[Any], Fy: NDArray[Any], Ft: NDArray[Any]) -> NDArray[np.float32]:  # noqa: N803
-    """−F_t ∇F / |∇F|², (H, W, 2) float32; zero where the gradient is."""
-    square = Fx * Fx + Fy * Fy
-    scale = np.divide(-Ft, square, out=np.zeros_like(square), where=square > 0)
-    return np.asarray(np.stack((scale * Fx, scale * Fy), axis=-1), np.float32)
+def normal_flow(Fx: NDArray[Any], Fy: NDArray[Any], Ft: NDArray[Any]) -> NDArray[np.float32]:
+    """Flow along the gradient, −F_t ∇F / |∇F|²: all that one pixel can know (Horn & Schunck 1981, section 3).
+
+    Parameters
+    ----------
+    Fx, Fy, Ft : ndarray, shape (H, W)
+        Derivatives, as :func:`derivatives` gives them.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 2), float32
+        px per frame, u to the right and v downwards; its length is |F_t| / |∇F|. Zero where the gradient is.
+    """
+    square = np.square(Fx, dtype=np.float32) + np.square(Fy, dtype=np.float32)
+    scale = np.divide(-np.asarray(Ft, np.float32), square, out=np.zeros_like(square), where=square > 0.0)
+    return np.stack((scale * Fx, scale * Fy), axis=-1, dtype=np.float32, casting="same_kind")
