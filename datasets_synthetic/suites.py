@@ -1,7 +1,8 @@
 """The suites: which sequences there are, as a literal table.
 
 `smoke` is quick, `standard` is the public one, `develop` is for tuning and `heldout` for reporting (both drawn by
-`themes`), `vanish` has a target that goes out of sight, `compressed` is part of `standard` as JPEG.
+`themes`). `vanish` has a target that goes out of sight, `vanish_develop` and `vanish_heldout` are the same drawn.
+`compressed` is part of `standard` as JPEG.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from .spec import Actor, Camera, Deform, Effect, Motion, Path, Scene, SequenceSpec, Shadow, Texture
-from .themes import THEMES, draw
+from .themes import THEMES, VANISHING, draw
 
 __all__ = ["SUITES"]
 
@@ -634,5 +635,7 @@ SUITES: dict[str, tuple[SequenceSpec, ...]] = {
     "develop": tuple(draw(theme, 1000 + k) for k, theme in enumerate(THEMES)),
     "heldout": tuple(draw(theme, 2000 + k) for k, theme in enumerate(THEMES)),
     "vanish": _VANISH,
+    "vanish_develop": tuple(draw(theme, 3000 + k) for k, theme in enumerate(VANISHING)),
+    "vanish_heldout": tuple(draw(theme, 4000 + k) for k, theme in enumerate(VANISHING)),
     "compressed": _COMPRESSED,
 }

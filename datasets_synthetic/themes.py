@@ -14,7 +14,7 @@ import numpy as np
 
 from .spec import Actor, Camera, Deform, Effect, Motion, Path, Scene, SequenceSpec, Shadow, Texture
 
-__all__ = ["THEMES", "draw"]
+__all__ = ["THEMES", "VANISHING", "draw"]
 
 Recipe = Callable[[SequenceSpec, np.random.Generator], SequenceSpec]
 
@@ -69,9 +69,10 @@ def _crossing(rng: np.random.Generator) -> Path:
 def _ordinary(name: str, rng: np.random.Generator) -> SequenceSpec:
     width = _uniform(rng, 42, 66)
     spin = _uniform(rng, -1.5, 1.5) if rng.random() < 0.5 else 0.0
+    shape, slenderness = _pick(rng, _SHAPES), _uniform(rng, 0.72, 1.05)
     target = Actor(
-        _pick(rng, _SHAPES),
-        (width, round(width * _uniform(rng, 0.72, 1.05), 2)),
+        shape,
+        (width, width if shape == "gear" else round(width * slenderness, 2)),
         _skin(rng),
         Motion(_crossing(rng), angle=_uniform(rng, -20, 20), spin=spin),
         seed=_seed(rng),
@@ -102,7 +103,7 @@ def _rotate_in_place(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSp
     place = (_uniform(rng, 110, 210), _uniform(rng, 90, 150))
     spin = _uniform(rng, 2.5, 6.0) * (1 if rng.random() < 0.5 else -1)
     spec = _moving(spec, path=Path("hold", place), spin=spin)
-    return replace(_target(spec, shape=_pick(rng, ("polygon", "box", "gear", "blob"))), attributes=("rotation",))
+    return replace(_target(spec, shape=_pick(rng, ("polygon", "box", "blob"))), attributes=("rotation",))
 
 
 def _rotate_and_move(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
@@ -167,7 +168,7 @@ def _fast(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
 
 def _small(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
     side = _uniform(rng, 14, 20)
-    return _about(_target(spec, size=(side, round(side * _uniform(rng, 0.85, 1.15), 2))), "small")
+    return _about(_target(spec, size=(side, side)), "small")
 
 
 def _large(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
@@ -177,7 +178,7 @@ def _large(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
         (_uniform(rng, 380, 450), _uniform(rng, 200, 280)),
     )
     texture = Texture(_pick(rng, ("astronaut", "coffee", "chelsea", "clouds")), seed=_seed(rng))
-    spec = _target(_moving(spec, path=Path("swing", start, end)), size=(side, side * 0.9), texture=texture)
+    spec = _target(_moving(spec, path=Path("swing", start, end)), size=(side, side), texture=texture)
     return _about(replace(spec, size=(640, 480)), "large")
 
 
@@ -186,7 +187,8 @@ def _growing(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
         "line", (_uniform(rng, 90, 130), _uniform(rng, 90, 150)), (_uniform(rng, 180, 230), _uniform(rng, 110, 130))
     )
     growth = (1.0, _uniform(rng, 1.6, 2.1)) if rng.random() < 0.7 else (_uniform(rng, 1.6, 2.0), 1.0)
-    spec = _target(spec, size=(_uniform(rng, 40, 50), _uniform(rng, 36, 46)))
+    side = _uniform(rng, 38, 48)
+    spec = _target(spec, size=(side, side))
     return _about(_moving(spec, path=path, growth=growth), "scale")
 
 
@@ -215,7 +217,8 @@ def _part_occlusion(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpe
 
 
 def _full_occlusion(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
-    spec = _target(_moving(spec, angle=0.0, spin=0.0), size=(_uniform(rng, 38, 46), _uniform(rng, 36, 46)))
+    side = _uniform(rng, 36, 46)
+    spec = _target(_moving(spec, angle=0.0, spin=0.0), size=(side, side))
     return _about(_wall(spec, rng, _uniform(rng, 64, 84)), "full_occlusion", "occlusion")
 
 
@@ -296,6 +299,75 @@ def _everything(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
     return _about(replace(spec, effects=(*spec.effects, Effect("jpeg", float(rng.integers(40, 70))))), "jpeg", "blur")
 
 
+def _hiding(spec: SequenceSpec, rng: np.random.Generator, *attributes: str) -> SequenceSpec:
+    """Small thing in a longer sequence, so that there is time to be away and to come back."""
+    side = _uniform(rng, 36, 46)
+    spec = _target(_moving(spec, angle=0.0, spin=0.0), size=(side, side))
+    return replace(spec, frames=130, attributes=attributes)
+
+
+def _through(spec: SequenceSpec, *knots: tuple[float, float, float]) -> SequenceSpec:
+    return _moving(spec, path=Path("knots", knots=knots))
+
+
+def _behind_wall(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
+    spec = _wall(_hiding(spec, rng, "full_occlusion", "reappears_ahead"), rng, _uniform(rng, 96, 116))
+    rightwards = spec.target.motion.path.start[0] < spec.target.motion.path.end[0]
+    start, end = (30.0, _uniform(rng, 70, 170)), (290.0, _uniform(rng, 70, 170))
+    return _moving(spec, path=Path("line", *((start, end) if rightwards else (end, start))))
+
+
+def _behind_wall_displaced(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
+    spec = _wall(_hiding(spec, rng, "full_occlusion", "reappears_elsewhere"), rng, 116.0)
+    wall = spec.scene.front[-1].motion.path.start[0]
+    high, low = _uniform(rng, 50, 90), _uniform(rng, 150, 190)
+    first, last = (high, low) if rng.random() < 0.5 else (low, high)
+    end = 36.0 if rng.random() < 0.4 else 284.0
+    return _through(spec, (0.0, 36.0, first), (0.4, wall, first), (0.64, wall, last), (1.0, end, last))
+
+
+def _away(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
+    side = 1.0 if rng.random() < 0.5 else -1.0
+    out, back = 160 + side * 200, 160 + side * (200 if rng.random() < 0.5 else -200)
+    first, last = _uniform(rng, 60, 180), _uniform(rng, 60, 180)
+    spec = _hiding(spec, rng, "out_of_view", "reappears_same_place" if out == back else "reappears_elsewhere")
+    inside = _uniform(rng, 140, 180)
+    return _through(spec, (0.0, inside, first), (0.42, out, first), (0.58, back, last), (1.0, inside, last))
+
+
+def _blink(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
+    spec = _hiding(spec, rng, "blink", "reappears_same_place", "rotation")
+    first, second = int(rng.integers(30, 44)), int(rng.integers(78, 90))
+    hidden = ((first, first + int(rng.integers(10, 26))), (second, second + int(rng.integers(8, 20))))
+    place = (_uniform(rng, 110, 210), _uniform(rng, 90, 150))
+    return _moving(spec, path=Path("hold", place), spin=_uniform(rng, 2.5, 5.0), hidden=hidden)
+
+
+def _blink_moving(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
+    spec = _straight(_hiding(spec, rng, "blink", "reappears_ahead"))
+    first = int(rng.integers(36, 56))
+    return _moving(spec, hidden=((first, first + int(rng.integers(12, 28))),))
+
+
+def _with_passer_by(recipe: Recipe) -> Recipe:
+    """Add to a recipe another thing that stays in view."""
+
+    def both(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
+        spec = recipe(spec, rng)
+        left, right = (
+            (_uniform(rng, 40, 70), _uniform(rng, 40, 70)),
+            (_uniform(rng, 250, 280), _uniform(rng, 170, 200)),
+        )
+        way = spec.target.motion.path
+        x = way.knots[0][1] if way.knots else way.start[0]
+        # It begins on the other side, so that the first frame shows both well apart.
+        path = Path("swing", *((right, left) if x < 160 else (left, right)), cycles=1.5)
+        other = Actor(spec.target.shape, spec.target.size, _skin(rng), Motion(path), seed=_seed(rng))
+        return _about(replace(spec, scene=replace(spec.scene, behind=(other,))), "distractor")
+
+    return both
+
+
 THEMES: dict[str, Recipe] = {
     "move": _move,
     "rotate_in_place": _rotate_in_place,
@@ -329,6 +401,18 @@ THEMES: dict[str, Recipe] = {
     "everything": _everything,
 }
 
+VANISHING: dict[str, Recipe] = {
+    "behind_wall": _behind_wall,
+    "behind_wall_displaced": _behind_wall_displaced,
+    "away": _away,
+    "blink": _blink,
+    "blink_moving": _blink_moving,
+    "behind_wall_passer_by": _with_passer_by(_behind_wall),
+    "displaced_passer_by": _with_passer_by(_behind_wall_displaced),
+    "away_passer_by": _with_passer_by(_away),
+}
+"""Recipes whose target goes out of sight and comes back."""
+
 
 def draw(theme: str, seed: int) -> SequenceSpec:
     """Draw a sequence.
@@ -336,7 +420,7 @@ def draw(theme: str, seed: int) -> SequenceSpec:
     Parameters
     ----------
     theme : str
-        Name in ``THEMES``.
+        Name in ``THEMES`` or ``VANISHING``.
     seed : int
         Decides shape, texture, ground, path and strength.
 
@@ -350,7 +434,8 @@ def draw(theme: str, seed: int) -> SequenceSpec:
     ValueError
         If the theme is unknown.
     """
-    if theme not in THEMES:
-        raise ValueError(f"unknown theme {theme!r}; known: {', '.join(THEMES)}")
+    recipes = {**THEMES, **VANISHING}
+    if theme not in recipes:
+        raise ValueError(f"unknown theme {theme!r}; known: {', '.join(recipes)}")
     rng = np.random.default_rng([seed, 9])
-    return THEMES[theme](_ordinary(f"{theme}_{seed}", rng), rng)
+    return recipes[theme](_ordinary(f"{theme}_{seed}", rng), rng)

@@ -99,7 +99,8 @@ def test_digest_does_not_depend_on_the_process() -> None:
 
 def test_suites_have_what_they_promise() -> None:
     """Sizes, lengths and names are as the documentation says; every sequence has attributes."""
-    assert {"smoke", "standard", "develop", "heldout", "vanish", "compressed"} == set(SUITES)
+    drawn = {"develop", "heldout", "vanish_develop", "vanish_heldout"}
+    assert {"smoke", "standard", "vanish", "compressed"} | drawn == set(SUITES)
     assert len(SUITES["smoke"]) == 4
     assert len(SUITES["standard"]) >= 24
     assert len(SUITES["develop"]) == len(SUITES["heldout"]) >= 24
@@ -143,6 +144,22 @@ def _edges(spec: SequenceSpec) -> np.ndarray:
         points = np.concatenate([pose.outline() for pose in stage.actor(stage.target_index, float(t))])
         rows.append([*points.min(axis=0), *points.max(axis=0)])
     return np.array(rows)
+
+
+@pytest.mark.parametrize("suite", ["vanish", "vanish_develop", "vanish_heldout"])
+def test_vanishing_targets_start_in_sight_and_come_back(suite: str) -> None:
+    """They are whole in the first frames and in the last, and away for at least eight frames between."""
+    for spec in SUITES[suite]:
+        edges = _edges(spec)
+        seen = (edges[:, :2] >= 0).all(axis=1) & (edges[:, 2:] <= spec.size).all(axis=1)
+        for first, stop in spec.target.motion.hidden:
+            seen[first:stop] = False
+        for wall in spec.scene.front:
+            x, half = wall.motion.path.start[0], wall.size[0] / 2
+            seen &= (edges[:, 2] < x - half) | (edges[:, 0] > x + half)
+        assert seen[:15].all(), spec.name
+        assert seen[-5:].all(), spec.name
+        assert (~seen).sum() >= 8, spec.name
 
 
 @pytest.mark.parametrize("suite", ["smoke", "standard", "develop", "heldout"])
