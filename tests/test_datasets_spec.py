@@ -171,6 +171,19 @@ def test_targets_stay_in_the_frame(suite: str) -> None:
         assert (edges[:, 2:] <= spec.size).all(), spec.name
 
 
+@pytest.mark.parametrize("theme", list(THEMES))
+@settings(max_examples=5, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_any_draw_stays_in_the_frame(theme: str, seed: int) -> None:
+    """Whatever the seed, a theme makes a valid spec whose target stays in the picture."""
+    spec = draw(theme, seed)
+    stage = stage_of(spec)
+    for t in range(0, spec.frames, 8):
+        points = np.concatenate([pose.outline() for pose in stage.actor(stage.target_index, float(t))])
+        assert points.min() >= 0
+        assert (points.max(axis=0) <= spec.size).all()
+
+
 def test_fast_is_ten_pixels_per_frame() -> None:
     """The sequence `fast` moves by about 10 px in every frame, `small` is 16 px, `large` about 240."""
     specs = {spec.name: spec for spec in SUITES["standard"]}
