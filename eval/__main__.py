@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from importlib import import_module
 
@@ -13,7 +14,6 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "flow": ("eval.flow:main_flow", "compare dense flow methods on true flow"),
     "bench": ("eval.commands:bench", "run, speed and report on one suite with every tracker"),
     "check": ("eval.commands:check", "compare with the committed reference figures"),
-    "flow": ("eval.flow:main_flow", "compare optical-flow methods where the true flow is known"),
     "report": ("eval.commands:report", "tables, plots and the HTML report from stored results"),
 }
 """Subcommand -> ("module:function", what it does). The function's signature is its command line (tyro)."""
@@ -28,6 +28,8 @@ def main(arguments: list[str] | None = None) -> int:
         Exit code: what the subcommand returns, 1 after an error that the user can mend, 2 for a wrong command line,
         130 after Ctrl-C.
     """
+    # Being ended by `kill` is an interruption too: the workers end, and what is finished stays.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     arguments = sys.argv[1:] if arguments is None else arguments
     if not arguments or arguments[0] not in COMMANDS:
         asked = bool(arguments) and arguments[0] in ("-h", "--help")

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import joblib
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +30,7 @@ __all__ = ["DATASETS", "Sequence", "SequenceError", "load_dataset", "load_suite"
 
 _IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm"}
 _CACHE_DAYS = 2.0
+_RENDERERS = 2  # processes; each holds a whole sequence in memory
 
 
 class SequenceError(ValueError):
@@ -312,8 +314,12 @@ def load_suite(name: str) -> list[Sequence]:
 
     if name not in SUITES:
         raise SequenceError(f"unknown suite {name!r}; known: {', '.join(SUITES)}")
-    cache = _cache_folder()
-    return [_from_spec(spec, cache) for spec in SUITES[name]]
+    cache, version = _cache_folder(), _renderer_version()
+    entries = [cache / f"{spec.digest()[:24]}-{version}" for spec in SUITES[name]]
+    missing = [pair for pair in zip(SUITES[name], entries, strict=True) if not (pair[1] / "truth.npz").exists()]
+    if missing:
+        joblib.Parallel(n_jobs=min(_RENDERERS, len(missing)))(joblib.delayed(_render_into)(*pair) for pair in missing)
+    return [_from_cache(entry) for entry in entries]
 
 
 def _cache_folder() -> Path:
@@ -335,10 +341,7 @@ def _renderer_version() -> str:
     return digest.hexdigest()[:12]
 
 
-def _from_spec(spec: Any, cache: Path) -> Sequence:
-    entry = cache / f"{spec.digest()[:24]}-{_renderer_version()}"
-    if not (entry / "truth.npz").exists():
-        _render_into(spec, entry)
+def _from_cache(entry: Path) -> Sequence:
     os.utime(entry)
     with np.load(entry / "truth.npz", allow_pickle=False) as truth:
         frames = np.load(entry / "frames.npy", mmap_mode="r")

@@ -192,7 +192,9 @@ def _as_text(table: pd.DataFrame) -> pd.DataFrame:
 
 def console_table(table: pd.DataFrame, title: str, *, bold: str = "") -> Table:
     """Rich table of texts; the row whose first cell is `bold` stands out."""
-    found = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    found = Table(
+        title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False, min_width=len(title)
+    )
     for position, name in enumerate(table.columns):
         # Headings may wrap, numbers may not.
         width = max((len(str(cell)) for cell in table[name]), default=1)

@@ -93,6 +93,7 @@ def _checked(answer: Any) -> tuple[bool, list[float]]:
 
 def _obey(commands: Iterator[str], write: Any) -> None:
     track: _Track | None = None
+    runner = os.getppid()
     for line in commands:
         command = json.loads(line)
         try:
@@ -103,7 +104,8 @@ def _obey(commands: Iterator[str], write: Any) -> None:
             else:
                 for _ in range(command["count"]):
                     record = track.update(command["timed"]) if track is not None else None
-                    if record is None:
+                    # Nobody waits for a worker whose runner was killed.
+                    if record is None or os.getppid() != runner:
                         break
                     write(record)
         except FrameSourceError as error:

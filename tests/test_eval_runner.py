@@ -319,8 +319,11 @@ def test_a_full_disk_is_a_clear_message(
     assert [path.name for path in (tmp_path / "results").rglob("*.*")] == []
 
 
-def test_an_interrupted_run_goes_on(bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path) -> None:
-    """Ctrl-C ends the command soon, leaves no process behind, records nothing false, and the next run resumes."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_goes_on(
+    number: signal.Signals, bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """Ctrl-C or kill ends the command soon, records nothing false, and what was finished is stored."""
     command = [sys.executable, "-m", "eval", "run", "--dataset", f"otb:{tmp_path / 'data'}", "--out", str(tmp_path)]
     command += ["--trackers", "bad_trackers:Fine", "bad_trackers:Hang"]
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
@@ -329,7 +332,7 @@ def test_an_interrupted_run_goes_on(bad: Callable[..., TrackerSpec], sequence: S
     deadline = time.monotonic() + 60.0
     while not list(stored.glob("*Fine/*.json")) and time.monotonic() < deadline:
         time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, message = process.communicate(timeout=30.0)
     assert process.returncode == 130
     assert "interrupted" in message

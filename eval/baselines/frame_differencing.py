@@ -1,7 +1,8 @@
 """Three-frame differencing at its best: threshold by the measured noise, camera shift taken out, box followed.
 
-A pixel belongs to the moving object when it differs from the frame before and from the one before that: what differs
-from one of them only is background that has just been uncovered.
+A pixel belongs to the moving object when it differs from an earlier frame and from one earlier still: a place that
+differs from one of them only is background. What the object has left last differs from both, and is cut off by its
+velocity.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ __all__ = ["FrameDifferencing"]
 
 _GAP = 2  # frames between the three, so that slow objects move enough to show
 _WIDTH = 160  # px: width at which the camera's shift is measured
-_SHIFT_RESPONSE = 0.2  # least phase correlation at which that shift is believed
+_IMPROVEMENT = 0.85  # of the median difference, under which a shift of the camera is believed
 
 Gray = NDArray[np.float32]
 
@@ -39,8 +40,9 @@ class FrameDifferencing:
         earlier = [self._past[max(0, len(self._past) - _GAP)], self._past[0]]
         differences = [np.abs(gray - _aligned(old, gray)) for old in earlier]
         changed = np.minimum(*differences)
+        lag = min(_GAP, len(self._past))
         self._past.append(gray)
-        return self._follower.update((changed > noise_threshold(differences[0])).astype(np.uint8))
+        return self._follower.update((changed > noise_threshold(differences[0])).astype(np.uint8), lag=lag)
 
 
 def _smooth_gray(image: NDArray[Any]) -> Gray:
@@ -50,13 +52,18 @@ def _smooth_gray(image: NDArray[Any]) -> Gray:
 
 
 def _aligned(old: Gray, new: Gray) -> Gray:
-    """`old` shifted as the camera has moved since."""
+    """`old` shifted as the camera has moved since.
+
+    Phase correlation may find the object's motion instead: a shift must make most of the frame fit better.
+    """
     ratio = min(1.0, _WIDTH / old.shape[1])
     small = [cv2.resize(frame, None, fx=ratio, fy=ratio, interpolation=cv2.INTER_AREA) for frame in (old, new)]
     window = cv2.createHanningWindow((small[0].shape[1], small[0].shape[0]), cv2.CV_32F)
-    (dx, dy), response = cv2.phaseCorrelate(small[0], small[1], window)
-    if response < _SHIFT_RESPONSE or np.hypot(dx, dy) < 0.15:
+    (dx, dy), _ = cv2.phaseCorrelate(small[0], small[1], window)
+    if np.hypot(dx, dy) < 0.1:
         return old
     matrix = np.array([[1.0, 0.0, dx / ratio], [0.0, 1.0, dy / ratio]])
     size = old.shape[1], old.shape[0]
-    return np.asarray(cv2.warpAffine(old, matrix, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
+    shifted = np.asarray(cv2.warpAffine(old, matrix, size, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
+    before, after = (float(np.median(np.abs(new - other)[::2, ::2])) for other in (old, shifted))
+    return shifted if after < _IMPROVEMENT * before else old

@@ -44,13 +44,15 @@ class BoxFollower:
         self._velocity = np.zeros(2)
         self._missed = 0
 
-    def update(self, mask: NDArray[np.uint8]) -> tuple[bool, tuple[float, float, float, float]]:
+    def update(self, mask: NDArray[np.uint8], *, lag: int = 0) -> tuple[bool, tuple[float, float, float, float]]:
         """Move the box to the changed pixels near the predicted place; hold it where there are none.
 
         Parameters
         ----------
         mask : ndarray of uint8, shape (H, W)
             Not 0 where something changed.
+        lag : int, optional
+            Frames for which a place that the target has left still counts as changed: it is cut off behind.
         """
         predicted = self.centre + self._velocity
         seen = self._changed_near(mask, predicted)
@@ -59,7 +61,9 @@ class BoxFollower:
             self._velocity *= 0.5
         else:
             self._missed = 0
-            self._follow(*seen)
+            low, high = seen
+            trail = np.clip(lag * self._velocity, -0.5 * (high - low), 0.5 * (high - low))
+            self._follow(low + np.maximum(trail, 0.0), high + np.minimum(trail, 0.0))
         self.centre = np.clip(self.centre, 0.0, (mask.shape[1], mask.shape[0]))
         if self._missed > _PATIENCE:
             return False, (0.0, 0.0, 0.0, 0.0)

@@ -1,0 +1,139 @@
+"""The baselines do what they are for: beating a weak one would prove nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from eval.baselines.background_model import BackgroundModel
+from eval.baselines.frame_differencing import FrameDifferencing
+from eval.baselines.regions import noise_threshold
+from eval.baselines.template_matching import TemplateMatching
+from eval.metrics import iou_per_frame
+
+SIZE = (200, 150)
+Frames = list[NDArray[np.uint8]]
+Boxes = list[tuple[float, float, float, float]]
+
+
+def noise(rng: np.random.Generator, height: int, width: int, sigma: float) -> NDArray[np.float32]:
+    """Smooth texture in 0–255."""
+    field = cv2.GaussianBlur(rng.standard_normal((height, width, 3)).astype(np.float32), (0, 0), sigma)
+    return np.asarray(cv2.normalize(field, None, 0, 255, cv2.NORM_MINMAX), dtype=np.float32)
+
+
+def film(
+    rng: np.random.Generator,
+    *,
+    count: int = 25,
+    step: tuple[float, float] = (3.0, 1.0),
+    growth: float = 1.0,
+    gray: bool = False,
+) -> tuple[Frames, Boxes]:
+    """A textured square that moves, and grows by a factor per frame, over a still textured ground, with noise."""
+    ground, square = noise(rng, SIZE[1], SIZE[0], 4.0) * 0.6, 50 + noise(rng, 64, 64, 2.0) * 0.75
+    frames, boxes = [], []
+    for index in range(count):
+        side = 36.0 * growth**index
+        x, y = 20 + step[0] * index, 30 + step[1] * index
+        matrix = np.array([[side / 64, 0, x], [0, side / 64, y]])
+        mask = cv2.warpAffine(np.ones((64, 64), dtype=np.float32), matrix, SIZE)[..., np.newaxis]
+        image = ground * (1 - mask) + cv2.warpAffine(square, matrix, SIZE) * mask
+        pixels = np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+        frames.append(pixels[:, :, 1].copy() if gray else pixels)
+        boxes.append((x, y, side, side))
+    return frames, boxes
+
+
+def follow(tracker: Any, frames: Frames, boxes: Boxes) -> NDArray[np.float64]:
+    """IoU of each frame but the first."""
+    tracker.init(frames[0], tuple(round(value) for value in boxes[0]))
+    answers = [tracker.update(frame) for frame in frames[1:]]
+    found = np.array([box if ok else (np.nan,) * 4 for ok, box in answers])
+    return iou_per_frame(np.array(boxes[1:]), found, SIZE)
+
+
+ALL = pytest.mark.parametrize("make", [TemplateMatching, FrameDifferencing, BackgroundModel])
+
+
+@ALL
+@pytest.mark.parametrize("gray", [False, True])
+def test_a_moving_square_is_followed(make: Callable[[], Any], gray: bool, rng: np.random.Generator) -> None:
+    """On a still ground every one of them keeps the square, in colour and in gray."""
+    overlap = follow(make(), *film(rng, gray=gray))
+    assert overlap.mean() > 0.75
+    assert overlap.min() > 0.4
+
+
+def test_templates_follow_scale(rng: np.random.Generator) -> None:
+    """A square that grows by half is followed by matching over scales, and a template of one size could not."""
+    overlap = follow(TemplateMatching(), *film(rng, growth=1.018))
+    assert overlap.mean() > 0.85
+    assert overlap[-1] > 0.75
+
+
+def test_templates_are_exact_to_a_fraction_of_a_pixel(rng: np.random.Generator) -> None:
+    """A motion of fractions of a pixel is not rounded."""
+    frames, boxes = film(rng, step=(1.37, 0.61), count=15)
+    tracker = TemplateMatching()
+    tracker.init(frames[0], tuple(round(value) for value in boxes[0]))
+    last = [tracker.update(frame)[1] for frame in frames[1:]][-1]
+    centre = np.array(last[:2]) + np.array(last[2:]) / 2
+    assert np.abs(centre - (np.array(boxes[-1][:2]) + 18)).max() < 0.6
+
+
+def test_templates_say_when_the_target_is_gone_and_find_it_again(rng: np.random.Generator) -> None:
+    """``ok=False`` while another picture is shown, and True with the right box when it is back."""
+    frames, boxes = film(rng, step=(0.5, 0.0), count=12)
+    hidden = np.clip(noise(rng, SIZE[1], SIZE[0], 4.0) * 0.6, 0, 255).astype(np.uint8)
+    frames[5:8] = [hidden] * 3
+    tracker = TemplateMatching()
+    tracker.init(frames[0], (20, 30, 36, 36))
+    answers = [tracker.update(frame) for frame in frames[1:]]
+    assert [ok for ok, _ in answers] == [True] * 4 + [False] * 3 + [True] * 4
+    assert iou_per_frame(np.array(boxes[-1:]), np.array([answers[-1][1]]), SIZE)[0] > 0.8
+
+
+def test_differencing_holds_a_stopped_object(rng: np.random.Generator) -> None:
+    """Nothing moves for a while: the box stays where it is."""
+    frames, boxes = film(rng, count=12)
+    ground = frames[-1].astype(np.float32)
+    still = [np.clip(ground + rng.normal(0, 1, ground.shape), 0, 255).astype(np.uint8) for _ in range(12)]
+    overlap = follow(FrameDifferencing(), frames + still, boxes + [boxes[-1]] * 12)
+    assert overlap[-1] > 0.7
+
+
+def test_differencing_takes_the_camera_out(rng: np.random.Generator) -> None:
+    """A shaking camera moves the whole frame, and only the object is followed."""
+    frames, boxes = film(rng, step=(3.0, 0.5))
+    shifts = rng.integers(-3, 4, (len(frames), 2))
+    shifts[0] = 0
+    shaken = [np.roll(frame, tuple(shift), axis=(0, 1)) for frame, shift in zip(frames, shifts, strict=True)]
+    moved = [(x + dx, y + dy, w, h) for (x, y, w, h), (dy, dx) in zip(boxes, shifts, strict=True)]
+    assert follow(FrameDifferencing(), shaken, moved).mean() > 0.6
+
+
+@pytest.mark.parametrize("sigma", [1.0, 5.0, 12.0])
+def test_the_threshold_follows_the_noise(sigma: float, rng: np.random.Generator) -> None:
+    """Of pure noise next to nothing is over it, whatever its strength."""
+    difference = np.abs(rng.normal(0, sigma, (200, 200))).astype(np.float32)
+    assert (difference > noise_threshold(difference)).mean() < 1e-3
+
+
+@ALL
+def test_the_border_is_survived(make: Callable[[], Any], rng: np.random.Generator) -> None:
+    """A target that leaves the frame, or starts at its edge, raises nothing."""
+    frames, boxes = film(rng, step=(12.0, 4.0))
+    follow(make(), frames, boxes)
+    tracker = make()
+    tracker.init(frames[0], (0, 0, SIZE[0], SIZE[1]))
+    tracker.update(frames[1])
+    tracker = make()
+    tracker.init(frames[0], (SIZE[0] - 6, SIZE[1] - 6, 6, 6))
+    for frame in frames[1:]:
+        tracker.update(frame)

@@ -1,0 +1,346 @@
+"""From result files to tables, figures and the report: nothing runs, nothing is lost, every number is right."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+
+from eval.__main__ import COMMANDS, main
+from eval.framesource import FrameSource
+from eval.regression import compare, update
+from eval.report import write_report
+from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory
+from eval.sequences import Sequence
+from eval.statistics import bootstrap_interval, differences, overall, per_attribute, speed_table
+from eval.tables import Summary, overall_table, sequence_table, summarise_folder, write_tables
+
+COUNT, SIZE = 20, (96, 72)
+STAMP = {
+    "tracker": "a:b",
+    "params": {},
+    "code": "c0de",
+    "commit": "abc",
+    "opencv": "4.13",
+    "python": "3.11",
+    "machine": "m",
+    "time": "2026-01-01",
+}
+
+
+def make_sequence(folder: Path, name: str, attributes: tuple[str, ...]) -> Sequence:
+    """Noise, a box that moves right by 1 px per frame, two frames without it at the end."""
+    frames = np.random.default_rng(5).integers(0, 255, (COUNT, SIZE[1], SIZE[0], 3), dtype=np.uint8)
+    np.save(folder / f"{name}.npy", frames)
+    boxes = np.array([[10.0 + index, 20, 20, 16] for index in range(COUNT)])
+    visibility = np.ones(COUNT)
+    visibility[-2:] = 0.0
+    source = FrameSource((str(folder / f"{name}.npy"),), "array", COUNT)
+    return Sequence(name, source, boxes, visibility, attributes, SIZE, f"digest-{name}")
+
+
+def make_run(tracker: str, sequence: Sequence, shift: float, *, status: str = COMPLETED, start: int = 0) -> Run:
+    """A tracker that is off by `shift` px throughout, and true to its score."""
+    boxes = sequence.boxes + np.array([shift, 0, 0, 0])
+    score = np.clip(np.linspace(1.0, 0.0, COUNT), 0, 1)
+    trajectory = Trajectory(np.ones(COUNT, dtype=bool), boxes, score)
+    stamp = {**STAMP, "digest": sequence.digest}
+    return Run(f"{tracker}{start}", tracker, sequence.name, start, 0, status, trajectory, stamp)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Folder:
+    """Results of three trackers on two sequences: exact, 4 px off, and 10 px off with a failure."""
+    found = Folder(tmp_path / "results" / "tiny")
+    sequences = [make_sequence(tmp_path, "one", ("fast", "gray")), make_sequence(tmp_path, "two_b", ("fast",))]
+    found.write_manifest("suite:tiny", sequences)
+    for sequence in sequences:
+        found.write_run(make_run("Exact", sequence, 0.0))
+        found.write_run(make_run("Exact", sequence, 4.0, start=1))
+        found.write_run(make_run("Near", sequence, 4.0))
+        found.write_run(make_run("pkg.mod:Far", sequence, 10.0, status="crashed (SIGSEGV) at frame 3"))
+        times = {"Exact": [1.0, 2.0, 3.0], "CSRT": [10.0, 20.0, 30.0]}
+        found.write_speed(SpeedRun("k", sequence.name, times, times, {"Exact": COMPLETED, "CSRT": COMPLETED}, STAMP))
+    return found
+
+
+@pytest.fixture
+def summary(folder: Folder) -> Summary:
+    """Everything in numbers."""
+    return summarise_folder(folder, chosen="Near")
+
+
+def test_a_run_comes_back_as_it_was_written(folder: Folder, tmp_path: Path) -> None:
+    """Files lose nothing, NaN included."""
+    sequence = make_sequence(tmp_path, "one", ())
+    run = make_run("Gaps", sequence, 0.125)
+    run.trajectory.boxes[3] = np.nan
+    run.trajectory.score[4] = np.nan
+    folder.write_run(run)
+    found = folder.read_run(folder.run_path("Gaps", "one", 0, 0))
+    np.testing.assert_array_equal(found.trajectory.boxes, run.trajectory.boxes)
+    np.testing.assert_array_equal(found.trajectory.ok, run.trajectory.ok)
+    np.testing.assert_allclose(found.trajectory.score, run.trajectory.score, atol=1e-6)
+    assert (found.key, found.provenance) == (run.key, run.provenance)
+
+
+def test_the_overall_table_is_right(summary: Summary) -> None:
+    """Means over sequences, sorted; the rates of ok by frames; the failure is counted; speed beside CSRT."""
+    table = summary.overall.set_index("tracker")
+    assert list(table.index) == ["Exact", "Near", "pkg.mod:Far"]
+    assert table.loc["Exact", "mean_iou"] == 1.0
+    assert table.loc["Near", "mean_iou"] == pytest.approx(16 / 24)
+    assert table.loc["Exact", "perturbed_iou"] == pytest.approx(16 / 24)
+    assert table.loc["Near", "false_true"] == 1.0
+    assert list(table["failed"]) == [0, 0, 2]
+    assert table.loc["Exact", "fps"] == pytest.approx(500.0)
+    assert table.loc["Exact", "ratio"] == pytest.approx(10.0)
+    assert table.loc["Exact", "low"] == table.loc["Exact", "high"] == 1.0
+
+
+def test_texts_are_made_for_reading(summary: Summary) -> None:
+    """Three digits, a dash where nothing is known, no column without anything in it."""
+    shown = overall_table(summary)
+    assert shown["mean IoU"].tolist() == ["1.000", "0.667", "0.333"]
+    assert shown["fps"].tolist() == ["500", "–", "–"]
+    assert sequence_table(summary)["sequence"].tolist() == ["one", "two_b"]
+
+
+def test_results_on_another_version_of_a_sequence_do_not_count(folder: Folder, tmp_path: Path) -> None:
+    """When the sequence has changed since, its old runs are left out and not scored against another truth."""
+    from dataclasses import replace
+
+    sequences = folder.read_sequences()
+    folder.write_manifest("suite:tiny", [replace(sequences[0], digest="other"), sequences[1]])
+    assert set(summarise_folder(folder).scores["sequence"]) == {"two_b"}
+
+
+def test_a_folder_without_results_is_said(tmp_path: Path) -> None:
+    """The message says what to run."""
+    with pytest.raises(ResultsError, match=r"no results in .*: run `python -m eval run` first"):
+        summarise_folder(Folder(tmp_path))
+
+
+def pairs_of(scores: dict[str, list[float]]) -> pd.DataFrame:
+    """Per-sequence table from bare scores."""
+    rows = [
+        {"tracker": tracker, "sequence": f"s{index}", "mean_iou": value}
+        for tracker, values in scores.items()
+        for index, value in enumerate(values)
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_differences_are_paired() -> None:
+    """Won, lost and even by 0.02; the worst loss by name; the sign says who is better."""
+    table = differences(pairs_of({"A": [0.9, 0.5, 0.70], "B": [0.8, 0.8, 0.71]}), "A")
+    row = table.iloc[0]
+    assert row["difference"] == pytest.approx((0.1 - 0.3 - 0.01) / 3)
+    assert (row["won"], row["lost"], row["even"], row["worst_sequence"]) == (1, 1, 1, "s1")
+    assert row["low"] <= row["difference"] <= row["high"]
+
+
+def test_attributes_group_sequences(summary: Summary) -> None:
+    """Each attribute has the mean over its sequences and says how many there are."""
+    table = per_attribute(summary.pairs, summary.sequences).set_index("attribute")
+    assert table["sequences"].to_dict() == {"fast": 2, "gray": 1}
+    assert table.loc["gray", "Near"] == pytest.approx(16 / 24)
+
+
+def test_bootstrap_covers_the_mean_of_known_draws() -> None:
+    """Of 200 samples of 20 normal values about nine in ten intervals hold the true mean, and all are repeatable."""
+    rng = np.random.default_rng(1)
+    held = 0
+    for _ in range(200):
+        low, high = bootstrap_interval(rng.normal(0.5, 0.1, 20))
+        held += low <= 0.5 <= high
+    assert 175 <= held <= 198
+    assert bootstrap_interval(np.arange(5.0)) == bootstrap_interval(np.arange(5.0))
+    assert np.isnan(bootstrap_interval(np.array([1.0, np.nan]))).all()
+
+
+def test_rates_of_ok_weigh_by_frames() -> None:
+    """Ten invisible frames of one sequence count ten times as much as one of another."""
+    from eval.metrics import METRICS
+
+    rows = pd.DataFrame([{"tracker": "A", "sequence": name, "failed": 0, "perturbed_iou": np.nan} for name in "xy"])
+    rows = rows.assign(**dict.fromkeys(METRICS, 0.5)).assign(visible=[10.0, 10.0], invisible=[10.0, 1.0])
+    rows["false_true"] = [1.0, 0.0]
+    assert overall(rows)["false_true"].iloc[0] == pytest.approx(10 / 11)
+
+
+def test_speed_is_summed_up_by_median_and_tail() -> None:
+    """One slow update moves the 95th percentile and not the median."""
+    times = [1.0] * 19 + [100.0]
+    table = speed_table([SpeedRun("k", "s", {"A": times, "B": []}, {"A": times, "B": []}, {}, {})])
+    assert table["tracker"].tolist() == ["A"]
+    assert table["median"].iloc[0] == 1.0
+    assert table["p95"].iloc[0] == pytest.approx(np.percentile(times, 95))
+
+
+def test_tables_are_written_in_three_formats(summary: Summary, tmp_path: Path) -> None:
+    """CSV can be read back with all digits, Markdown and LaTeX hold the same rows, with their signs escaped."""
+    paths = {path.name: path for path in write_tables(summary, tmp_path / "tables")}
+    back = pd.read_csv(paths["overall.csv"])
+    assert back["mean_iou"].tolist() == summary.overall["mean_iou"].tolist()
+    assert paths["overall.md"].read_text().count("\n") == 5
+    assert "| Near " in paths["overall.md"].read_text()
+    latex = paths["sequences.tex"].read_text()
+    assert r"two\_b & 1.000 & 0.667 & 0.333 \\" in latex
+    assert latex.count(r"\\") == 3
+
+
+class _Page(HTMLParser):
+    """Gathers what a page refers to and what it says."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sources: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href") and tag != "use"]
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_the_report_is_one_file_with_everything(summary: Summary, folder: Folder, tmp_path: Path) -> None:
+    """It refers to nothing outside itself; tables, figures, pictures, a playable video and the reasons are in it."""
+    path = tmp_path / "report.html"
+    write_report(summary, folder, path, videos=1)
+    html = path.read_text(encoding="utf-8")
+    page = _Page()
+    page.feed(html)
+    assert all(source.startswith(("data:", "#")) for source in page.sources)
+    assert sum(source.startswith("data:image/jpeg") for source in page.sources) == 2
+    assert sum(source.startswith("data:video/webm") for source in page.sources) == 1
+    assert html.count("<svg") == 5
+    assert "Near: mean IoU 0.667" in page.text
+    assert "crashed (SIGSEGV) at frame 3" in page.text
+    assert "Frame 0 is given to the tracker and is not scored." in page.text
+    assert "c0de" in page.text
+    assert not re.search(r"\bnan\b", page.text)
+
+
+def test_the_report_does_without_frames_speed_and_scores(folder: Folder, tmp_path: Path) -> None:
+    """A report can be made where the data set is not, and before speed was measured."""
+    for path in (*tmp_path.glob("*.npy"), *folder.path.glob("speed/*")):
+        path.unlink()
+    summary = summarise_folder(folder, trackers=["Near"])
+    write_report(summary, folder, tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    assert "not on this machine any more" in html
+    assert "fps" not in html
+
+
+def test_the_picture_shows_truth_and_answer(folder: Folder) -> None:
+    """White and the tracker's colour are there, where the boxes are."""
+    from eval.overlay import contact_sheet
+
+    sequence = folder.read_sequences()[0]
+    run = make_run("Near", sequence, 8.0)
+    sheet = contact_sheet(sequence, {"Near": run}, {"Near": "#ff0000"}, count=3)
+    zoom = 240 / SIZE[1]
+    assert sheet.shape[0] == 240
+    column = round((sequence.boxes[1, 0] + 8.0) * zoom)
+    row = round((sequence.boxes[1, 1] + 8.0) * zoom)
+    assert tuple(sheet[row, column]) == (0, 0, 255)
+    assert tuple(sheet[row, round(sequence.boxes[1, 0] * zoom)]) == (255, 255, 255)
+
+
+def test_the_video_holds_every_frame(folder: Folder, tmp_path: Path) -> None:
+    """The WebM can be decoded and is as long as the sequence."""
+    from eval.overlay import write_video
+
+    sequence = folder.read_sequences()[0]
+    write_video(tmp_path / "a.webm", sequence, {}, {})
+    capture = cv2.VideoCapture(str(tmp_path / "a.webm"))
+    count = 0
+    while capture.read()[0]:
+        count += 1
+    capture.release()
+    assert count == COUNT
+
+
+def test_regression_notices_a_fall(tmp_path: Path) -> None:
+    """One sequence by more than 0.02, or the mean by more than 0.005; less passes, and so does better."""
+    path = tmp_path / "smoke.json"
+    update(path, "T", {"a": 0.90, "b": 0.80})
+
+    def passes(**scores: float) -> bool:
+        return compare(path, "T", scores).passed
+
+    assert passes(a=0.90, b=0.80)
+    assert passes(a=0.885, b=0.81)
+    assert passes(a=0.95, b=0.85)
+    assert not passes(a=0.87, b=0.85)
+    assert not passes(a=0.89, b=0.79)
+    assert not passes(a=0.90)
+    assert compare(path, "T", {"a": 0.87, "b": 0.85}).table["verdict"].tolist() == ["FELL", "rose", "rose"]
+
+
+def test_regression_says_what_is_wrong_with_its_file(tmp_path: Path) -> None:
+    """Missing, damaged, somebody else's: each has its message."""
+    path = tmp_path / "smoke.json"
+    with pytest.raises(ResultsError, match="write them with `python -m eval check --update`"):
+        compare(path, "T", {})
+    path.write_text("{")
+    with pytest.raises(ResultsError, match=r"smoke\.json is damaged"):
+        compare(path, "T", {})
+    update(path, "T", {"a": 0.5})
+    with pytest.raises(ResultsError, match="holds the figures of T, not of U"):
+        compare(path, "U", {"a": 0.5})
+
+
+def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
+    """Without arguments the commands are listed, and each has its own help."""
+    assert main(["--help"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in COMMANDS)
+    assert main(["nonsense"]) == 2
+    assert "unknown command 'nonsense'" in capsys.readouterr().err
+    for name in ("run", "speed", "report", "check", "bench"):
+        with pytest.raises(SystemExit) as ended:
+            main([name, "--help"])
+        assert ended.value.code == 0
+
+
+def test_the_whole_way_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Run, speed and report on a folder in OTB layout end with a table and the path of the report."""
+    images = tmp_path / "data" / "tiny" / "img"
+    images.mkdir(parents=True)
+    for index in range(8):
+        cv2.imwrite(str(images / f"{index + 1:04d}.png"), np.full((48, 64, 3), 10 * index, dtype=np.uint8))
+    lines = [f"{11 + index},11,20,10" for index in range(8)]
+    (images.parent / "groundtruth_rect.txt").write_text("\n".join(lines))
+    common = ["--dataset", f"otb:{tmp_path / 'data'}", "--out", str(tmp_path / "out")]
+    assert main(["run", *common, "--trackers", "Static", "Oracle", "--starts", "2"]) == 0
+    assert main(["speed", *common, "--trackers", "Static", "--frames", "2"]) == 0
+    assert main(["report", "--out", str(tmp_path / "out"), "--chosen", "Oracle"]) == 0
+    printed = capsys.readouterr().out
+    assert "mean IoU per sequence of otb:" in printed
+    assert str(tmp_path / "out" / "otb-data" / "report.html") in printed.replace("\n", "")
+    assert (tmp_path / "out" / "otb-data" / "tables" / "overall.tex").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "--trackers", "Nobody"], "error: unknown tracker 'Nobody'; known: TrackerHS"),
+        (["run", "--suite", "nothing"], "error: unknown suite 'nothing'; known: "),
+        (["run", "--suite", "smoke", "--dataset", "otb:/x"], "error: expected --suite or --dataset, got both"),
+        (["run", "--suite", "smoke", "--sequences", "x"], "error: unknown sequence x in suite:smoke; known: "),
+        (["run", "--dataset", "otb:/no/folder"], "error: no such folder: /no/folder"),
+        (["report", "--out", "/no/folder"], "error: no results in /no/folder"),
+    ],
+)
+def test_errors_are_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """No traceback: what was wrong, and what is known."""
+    assert main(arguments) == 1
+    assert capsys.readouterr().err.startswith(message)
