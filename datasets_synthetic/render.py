@@ -61,36 +61,39 @@ def coverage(outline: NDArray[np.float64], x0: int, y0: int, width: int, height:
 
 @dataclass(eq=False)
 class _Skin:
-    """Painted picture of an actor, `density` texels per px, centred on it."""
+    """Painted picture of an actor, centred on it; (x, y) texels per px."""
 
     image: Image
     morph: Image | None
-    density: float
+    density: tuple[float, float]
+    closed: bool
 
     @cached_property
     def mean(self) -> Image:
         return np.asarray(self.image.mean(axis=(0, 1)), dtype=np.float32)
 
     def colour(self, x: NDArray[np.float64], y: NDArray[np.float64], s: float) -> Image:
-        column = x * self.density + self.image.shape[1] / 2.0 - 0.5
-        row = y * self.density + self.image.shape[0] / 2.0 - 0.5
-        first = sample(self.image, column, row)
+        column = x * self.density[0] + self.image.shape[1] / 2.0 - 0.5
+        row = y * self.density[1] + self.image.shape[0] / 2.0 - 0.5
+        first = sample(self.image, column, row, closed=self.closed)
         if self.morph is None:
             return first
         share = np.float32(s)
-        return first * (1 - share) + sample(self.morph, column, row) * share
+        return first * (1 - share) + sample(self.morph, column, row, closed=self.closed) * share
 
 
 def _skin(actor: Actor, zoom: float) -> _Skin:
     density = max(1.0, max(actor.motion.growth) * zoom)
-    # A thing that turns shows its whole circumference, not just its front.
-    around = math.pi if any(deform.kind == "turn" for deform in actor.deform) else 1.2
-    width, height = int(actor.size[0] * density * around) + 4, int(actor.size[1] * density * 1.2) + 4
+    # A thing that turns shows its whole circumference, which closes upon itself.
+    closed = any(deform.kind == "turn" for deform in actor.deform)
+    around = actor.size[0] * (math.pi if closed else 1.2)
+    width, height = math.ceil(around * density), int(actor.size[1] * density * 1.2) + 4
 
     def picture(texture: Texture) -> Image:
         return paint(texture, height, width)
 
-    return _Skin(picture(actor.texture), picture(actor.morph) if actor.morph else None, density)
+    morph = picture(actor.morph) if actor.morph else None
+    return _Skin(picture(actor.texture), morph, (width / around, density), closed)
 
 
 @dataclass(eq=False)

@@ -18,7 +18,7 @@ __all__ = [
     "Texture",
 ]  # fmt: skip
 
-RENDERER_VERSION = 5
+RENDERER_VERSION = 6
 """Raised whenever the same spec gives other pixels or other truth, so that cached results die."""
 
 Point = tuple[float, float]

@@ -86,7 +86,7 @@ def resample(image: Image, ys: NDArray[np.float64], xs: NDArray[np.float64]) -> 
     return np.asarray(wide, dtype=np.float32)
 
 
-def sample(image: Image, x: NDArray[np.float64], y: NDArray[np.float64]) -> Image:
+def sample(image: Image, x: NDArray[np.float64], y: NDArray[np.float64], *, closed: bool = False) -> Image:
     """Sample an image at scattered points, bilinearly; beyond the border it is mirrored.
 
     Parameters
@@ -94,6 +94,8 @@ def sample(image: Image, x: NDArray[np.float64], y: NDArray[np.float64]) -> Imag
     image : ndarray, shape (H, W, 3)
     x, y : ndarray, one shape
         Positions; whole numbers are pixel centres.
+    closed : bool
+        The right border meets the left one, as on a can.
 
     Returns
     -------
@@ -103,7 +105,8 @@ def sample(image: Image, x: NDArray[np.float64], y: NDArray[np.float64]) -> Imag
     x0, y0 = np.floor(x), np.floor(y)
     fx = (x - x0).astype(np.float32)[..., np.newaxis]
     fy = (y - y0).astype(np.float32)[..., np.newaxis]
-    left, right = _mirror(x0, width), _mirror(x0 + 1.0, width)
+    fold = _wrap if closed else _mirror
+    left, right = fold(x0, width), fold(x0 + 1.0, width)
     top, bottom = _mirror(y0, height) * width, _mirror(y0 + 1.0, height) * width
     flat = image.reshape(-1, 3)
 
@@ -121,6 +124,10 @@ def _mirror(index: NDArray[np.float64], size: int) -> NDArray[np.int64]:
         return whole
     folded = whole % (2 * size)
     return np.minimum(folded, 2 * size - 1 - folded)
+
+
+def _wrap(index: NDArray[np.float64], size: int) -> NDArray[np.int64]:
+    return index.astype(np.int64) % size
 
 
 def photograph(name: str, height: int, width: int, rng: np.random.Generator, shrink: int = 1) -> Image:

@@ -370,3 +370,11 @@ def test_turning_thing_narrows_to_its_depth() -> None:
     widths = render(case).boxes[:, 2]
     np.testing.assert_allclose(widths[[0, 4, 8]], [40.0, 20.0, 40.0], atol=1e-9)
     assert widths[2] == pytest.approx(math.hypot(40 * math.cos(math.pi / 4), 20 * math.sin(math.pi / 4)))
+
+
+def test_full_turn_shows_the_same_face_again() -> None:
+    """After one turn the surface closes: the picture is that of the start; half-way it is another."""
+    sequence = render(spec(actor(STAY, "box", deform=(Deform("turn", 0.6, 1.0),)), frames=9))
+    first, half, last = (sequence.frames[t].astype(int) for t in (0, 4, 8))
+    assert np.abs(first - last).max() <= 1
+    assert np.abs(first - half)[sequence.masks[0]].mean() > 10

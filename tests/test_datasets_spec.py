@@ -266,6 +266,7 @@ def test_sampling_mirrors_beyond_the_border() -> None:
     image = np.arange(4, dtype=np.float32)[np.newaxis, :, np.newaxis].repeat(3, axis=0).repeat(3, axis=2)
     x = np.array([-2.0, -1.0, 0.0, 1.5, 3.0, 4.0, 5.0])
     np.testing.assert_allclose(sample(image, x, np.zeros(7))[:, 0], [1, 0, 0, 1.5, 3, 3, 2])
+    np.testing.assert_allclose(sample(image, x, np.zeros(7), closed=True)[:, 0], [2, 3, 0, 1.5, 3, 0, 1])
 
 
 def test_blur_keeps_the_sum() -> None:
