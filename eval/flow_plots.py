@@ -93,7 +93,12 @@ def error_over_time(table: pd.DataFrame) -> Figure:
         axes.axhline(row["aepe"], color=FAMILY_COLORS["null"], linestyle="--", label=f"{name} flow")
     front = _pareto(summary[summary["family"] != "null"])
     axes.plot(front["ms"], front["aepe"], color="black", linewidth=0.8, alpha=0.4, drawstyle="steps-post", zorder=0)
-    axes.set(xscale="log", yscale="log", xlabel="time per pair on one thread, ms", ylabel="mean endpoint error, px")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="processor time per pair on one thread, ms",
+        ylabel="mean endpoint error, px",
+    )
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 3.0, 5.0)))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from . import flow_metrics, flow_picture
+from . import flow_metrics, flow_picture, flow_worker
 from .flow_data import FlowPair
 from .flow_methods import flow_method
 from .flow_metrics import flow_scores
@@ -42,7 +42,7 @@ class RunOptions:
     repeats : int
         Most timed calls per pair.
     budget : float
-        Stop repeating a slow method after this many seconds per pair.
+        Stop repeating a slow method after this much time per pair, s.
     timeout : float
         A method that needs longer than this for one pair has failed, s.
     """
@@ -67,7 +67,7 @@ class FlowResult:
     scores : mapping
         Metric name to value; empty if the method failed.
     seconds : float or None
-        Median time of a call on one thread, warm.
+        Median processor time of a call, warm, on one thread.
     relative : float or None
         The same in units of the yardstick's time, measured just before in the same process.
     note : str
@@ -127,7 +127,7 @@ def picture_path(folder: Path, pair: str, method: str) -> Path:
 
 def _key(name: str, pair: FlowPair) -> str:
     digest = hashlib.sha256(f"{flow_method(name).fingerprint()}/{pair.fingerprint}/{pair.group}".encode())
-    for module in (flow_metrics, flow_picture):
+    for module in (flow_metrics, flow_picture, flow_worker):
         digest.update(Path(str(module.__file__)).read_bytes())
     return digest.hexdigest()[:16]
 

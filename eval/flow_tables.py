@@ -153,7 +153,7 @@ def _markdown(table: pd.DataFrame, summary: pd.DataFrame) -> str:
     return (
         "# Flow methods on true flow\n\n"
         f"Mean over {table['pair'].nunique()} pairs; {conventions}. "
-        "ms: time per pair on one thread, warm, median over calls and pairs; "
+        "ms: processor time per pair on one thread, warm, median over calls and pairs; "
         f"× {YARDSTICK}: the same in units of that method's time, measured in turns with it in the same process.\n\n"
         f"{_formatted(summary).to_markdown()}\n\n"
         f"## AEPE by pair, px\n\n{_formatted(pair_table(table)).to_markdown()}\n\n"
