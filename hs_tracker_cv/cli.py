@@ -6,14 +6,19 @@ command that cannot be meant, 1 for input or output that fails, 130 for Ctrl-C; 
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
+import itertools
+import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
 import cv2
 import numpy as np
@@ -35,12 +40,7 @@ PROGRAM = "hs-track"
 USAGE, FAILURE, INTERRUPTED = 2, 1, 130
 COLUMNS = ("frame", "x", "y", "w", "h", "ok", "score")
 
-DESCRIPTION = """Follow one object through a video, a camera or a folder of images.
-
-Without --roi and --select the first object that moves is followed.
-
-Other commands: `hs-track warmup` compiles the kernels in advance, `hs-track app` opens the live page in a browser.
-"""
+Kind = TypeVar("Kind")
 
 
 class UsageError(ValueError):
@@ -49,7 +49,11 @@ class UsageError(ValueError):
 
 @dataclass(frozen=True)
 class Options:
-    """What to follow and where to write.
+    """Follow one object through a video, a camera or a folder of images.
+
+    Without --roi and --select the first object that moves is followed.
+
+    Other commands: `hs-track warmup` compiles the kernels in advance, `hs-track app` opens the live page.
 
     Parameters
     ----------
@@ -77,6 +81,25 @@ class Options:
     csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     panels: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     max_frames: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+
+
+@dataclass(frozen=True)
+class AppOptions:
+    """Pick a video, drag the box, watch every panel live, in a browser.
+
+    Parameters
+    ----------
+    video
+        Video file, number of a camera, or folder of images.
+    port
+        Port on the loopback interface; a free one by default.
+    no_show
+        Do not open a browser window.
+    """
+
+    video: Annotated[str, tyro.conf.Positional] = ""
+    port: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    no_show: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
 
 
 @dataclass(frozen=True)
@@ -129,21 +152,42 @@ class _Tally:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    _end_in_order()
     try:
         if arguments[:1] == ["warmup"]:
             return _warmup()
         if arguments[:1] == ["app"]:
             from .app import serve
 
-            return serve(arguments[1:])
-        options = tyro.cli(Options, args=arguments, prog=PROGRAM, description=DESCRIPTION)
-        return _run(options)
+            page = _parsed(AppOptions, arguments[1:], f"{PROGRAM} app")
+            return serve(page.video, port=page.port, show=not page.no_show)
+        return _run(_parsed(Options, arguments, PROGRAM))
     except UsageError as error:
         return _complain(error, USAGE)
     except (VideoError, InputError, OSError, ImportError) as error:
         return _complain(error, FAILURE)
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def _end_in_order() -> None:
+    """Treat a request to terminate as Ctrl-C: files are finished and servers ended."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+def _parsed(kind: type[Kind], arguments: Sequence[str], program: str) -> Kind:
+    """Parse the command; what is wrong with it becomes one line instead of tyro's box."""
+    words = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(words):
+            return tyro.cli(kind, args=arguments, prog=program)
+    except SystemExit as end:
+        if not end.code:
+            raise
+    lines = [line.strip("│ ") for line in words.getvalue().splitlines() if line.startswith("│")]
+    meant = itertools.takewhile(lambda line: "──" not in line, lines)
+    raise UsageError(" ".join(meant) or words.getvalue())
 
 
 def _complain(error: Exception, code: int) -> int:
@@ -266,7 +310,7 @@ def _progress() -> Progress:
 
 
 def steps(
-    frames: Iterator[Any], roi: Box | None, *, show: bool = False, max_frames: int | None = None
+    frames: Iterator[Any], roi: Box | None, *, show: bool = False, max_frames: int | None = None, first: int = 0
 ) -> Iterator[Step]:
     """Follow an object through frames.
 
@@ -279,6 +323,8 @@ def steps(
         Also give what the panels need, which costs a little.
     max_frames : int, optional
         Stop after so many.
+    first : int
+        Index of the first frame.
 
     Yields
     ------
@@ -293,7 +339,7 @@ def steps(
         If a frame or the ROI cannot be used.
     """
     tracker, mover = TrackerHS(), FirstMover()
-    for index, frame in enumerate(frames):
+    for index, frame in enumerate(frames, first):
         if tracker.initialised:
             yield _updated(tracker, index, frame, show)
         else:
@@ -304,7 +350,7 @@ def steps(
             else:
                 tracker.init(frame, box)
                 yield Step(index, frame, tracker.box, "tracking", tracker.getTrackingScore(), mover.fields)
-        if max_frames is not None and index + 1 >= max_frames:
+        if max_frames is not None and index - first + 1 >= max_frames:
             return
 
 

@@ -1,0 +1,70 @@
+"""The page on which the object is boxed: the paper's step 4."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+
+import cv2
+from nicegui import app, ui
+
+from ..frames import MIN_SIDE
+from ..geometry import Box
+from ..video import VideoError
+from .picker import BoxPicker
+
+__all__ = ["select_page"]
+
+
+def select_page(picture: str, answer: str, timeout: float) -> None:
+    """Declare the page at ``/``.
+
+    Parameters
+    ----------
+    picture : str
+        PNG of the frame.
+    answer : str
+        File that takes the box as JSON: [x, y, w, h].
+    timeout : float
+        Seconds after which the server ends.
+    """
+    image = cv2.imread(picture, cv2.IMREAD_COLOR)
+    if image is None:
+        raise VideoError(f"{picture}: is not an image")
+
+    async def give_up() -> None:
+        await asyncio.sleep(timeout)
+        app.shutdown()
+
+    app.on_startup(lambda: asyncio.create_task(give_up()))
+
+    @ui.page("/")
+    def page() -> None:
+        chosen: list[Box] = []
+
+        def take(box: Box) -> None:
+            large = min(box.w, box.h) >= MIN_SIDE
+            chosen[:] = [box] if large else []
+            text = f"{box.x:g}, {box.y:g}    {box.w:g} × {box.h:g} px" if large else "too small: drag a larger box"
+            label.set_text(text)
+            button.set_enabled(large)
+
+        async def accept() -> None:
+            Path(answer).write_text(json.dumps(list(chosen[0])), encoding="utf-8")
+            label.set_text("The box was taken; this page can be closed.")
+            button.set_enabled(False)
+            # The page must have heard before its server goes.
+            await asyncio.sleep(0.3)
+            app.shutdown()
+
+        ui.query(".nicegui-content").classes("items-start gap-3")
+        with ui.row().classes("items-center gap-4"):
+            ui.label("Drag a box round the object").classes("text-lg")
+            button = ui.button("Track this", icon="check", on_click=accept).props("id=accept")
+            button.set_enabled(False)
+            label = ui.label("no box yet").classes("font-mono opacity-80").props("id=box")
+        picker = BoxPicker(take)
+        # Shown at its own size where it fits: one screen pixel is then one image pixel.
+        picker.element.style(f"width: {image.shape[1]}px; max-width: 100%").props("id=frame")
+        picker.show(image, lossless=True)

@@ -1,0 +1,202 @@
+"""The browser pages, with a real mouse in a headless Chromium."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hs_tracker_cv import app
+from hs_tracker_cv.geometry import Box, iou
+from hs_tracker_cv.video import VideoError, VideoSink
+
+CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--disable-quic",
+]
+PATIENCE = 60_000
+"""Milliseconds a page may take: the machine may be busy."""
+
+
+def _port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _frames(count: int) -> tuple[list[NDArray[np.uint8]], list[Box]]:
+    rng = np.random.default_rng(8)
+    ground = cv2.GaussianBlur(rng.integers(0, 255, (180, 240, 3), dtype=np.uint8), (0, 0), 4.0)
+    square = cv2.GaussianBlur(rng.integers(0, 255, (40, 40, 3), dtype=np.uint8), (0, 0), 1.2)
+    frames, boxes = [], []
+    for index in range(count):
+        frame, x = ground.copy(), 60 + 2 * index
+        frame[70:110, x : x + 40] = square
+        frames.append(frame)
+        boxes.append(Box(x, 70, 40, 40))
+    return frames, boxes
+
+
+@pytest.fixture
+def browser() -> Iterator[Any]:
+    """A headless Chromium, or a skip where there is none."""
+    if not Path(CHROMIUM).exists():
+        pytest.skip(f"no Chromium at {CHROMIUM}")
+    for module in ("playwright", "nicegui"):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} is not installed")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def plain_environment(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+    """To be called by the test: NiceGUI serves differently when this variable tells it that pytest is running."""
+    return lambda: monkeypatch.delenv("PYTEST_CURRENT_TEST", raising=False)
+
+
+def _visit(browser: Any, port: int) -> Any:
+    page = browser.new_page(viewport={"width": 1400, "height": 1100})
+    deadline = time.monotonic() + PATIENCE / 1000
+    while True:
+        try:
+            page.goto(f"http://127.0.0.1:{port}/", timeout=PATIENCE)
+            return page
+        except Exception:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.3)
+
+
+def _drag(page: Any, start: tuple[int, int], end: tuple[int, int]) -> None:
+    image = page.locator("#frame img").first
+    image.wait_for(timeout=PATIENCE)
+    page.wait_for_function("document.querySelector('#frame img').naturalWidth > 0", timeout=PATIENCE)
+    place, natural = image.bounding_box(), image.evaluate("image => image.naturalWidth")
+    scale = place["width"] / natural
+    page.mouse.move(place["x"] + start[0] * scale, place["y"] + start[1] * scale)
+    page.mouse.down()
+    page.mouse.move(place["x"] + end[0] * scale, place["y"] + end[1] * scale, steps=8)
+    page.mouse.up()
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(
+    ("start", "end"),
+    [
+        ((60, 40), (161, 117)),  # down and right
+        ((200, 150), (31, 22)),  # up and left
+    ],
+)
+def test_the_dragged_box_is_the_answer(
+    browser: Any, plain_environment: Callable[[], None], start: tuple[int, int], end: tuple[int, int]
+) -> None:
+    """A mouse drag on the page gives exactly the dragged box, in frame px, and the server ends."""
+    plain_environment()
+    port, answers = _port(), []
+    frame = _frames(1)[0][0]
+    thread = threading.Thread(target=lambda: answers.append(app.select_roi(frame, show=False, port=port)))
+    thread.start()
+    page = _visit(browser, port)
+    _drag(page, start, end)
+    page.locator("#accept:not([disabled])").click(timeout=PATIENCE)
+    thread.join(PATIENCE / 1000)
+    left, right = sorted((start[0], end[0]))
+    top, bottom = sorted((start[1], end[1]))
+    assert answers == [Box(left, top, right - left, bottom - top)]
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", port), timeout=2.0)
+
+
+@pytest.mark.browser
+def test_the_selection_gives_up_by_itself(browser: Any, plain_environment: Callable[[], None]) -> None:
+    """Without a drag the answer is None after the timeout, and the server has ended."""
+    plain_environment()
+    port = _port()
+    assert app.select_roi(_frames(1)[0][0], timeout=2.0, show=False, port=port) is None
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", port), timeout=2.0)
+
+
+@contextlib.contextmanager
+def _live(video: Path, port: int) -> Iterator[None]:
+    command = [sys.executable, "-m", "hs_tracker_cv", "app", str(video), "--port", str(port), "--no-show"]
+    process = subprocess.Popen(command, cwd=video.parent, env=dict(os.environ))
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@pytest.mark.browser
+def test_the_live_page_tracks_what_was_dragged(
+    browser: Any, plain_environment: Callable[[], None], tmp_path: Path
+) -> None:
+    """A drag starts the tracker; the page shows state, box and panels, pauses, and steps one frame."""
+    plain_environment()
+    frames, boxes = _frames(14)
+    with VideoSink(tmp_path / "square.mkv", 25.0) as sink:
+        for frame in frames:
+            sink.write(frame)
+    port = _port()
+    with _live(tmp_path / "square.mkv", port):
+        page = _visit(browser, port)
+        _drag(page, (60, 70), (100, 110))
+        page.wait_for_function("document.querySelector('#facts').innerText.includes('frame 2 ')", timeout=PATIENCE)
+        page.locator("#play").click()
+        page.wait_for_function("document.querySelector('#play').innerText.match(/go on/i)", timeout=PATIENCE)
+        page.wait_for_timeout(500)
+        before = _facts(page)[0]
+        page.locator("#step").click()
+        page.wait_for_function(f"document.querySelector('#facts').innerText.includes('frame {before + 1} ')")
+        index, box = _facts(page)
+        assert index == before + 1
+        assert iou(box, boxes[index]) > 0.7
+        assert page.locator("#state").inner_text() == "tracking"
+        assert page.locator("#panels img").first.evaluate("image => image.naturalWidth") > 1000
+
+
+def _facts(page: Any) -> tuple[int, Box]:
+    words = page.locator("#facts").inner_text().replace(",", " ").split()
+    at = words.index("box")
+    x, y, w, h = (float(words[at + offset]) for offset in (1, 2, 3, 5))
+    return int(words[words.index("frame") + 1]), Box(x, y, w, h)
+
+
+def test_without_nicegui_the_way_to_install_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The missing extra is one clear line, not a traceback from inside."""
+    monkeypatch.setattr(app.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"pip install 'hs-tracker-cv\[app\]'"):
+        app.select_roi(_frames(1)[0][0])
+
+
+def test_a_taken_port_is_a_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A server that cannot start is reported with its port, and no process is left."""
+    monkeypatch.setattr(app.sys, "executable", "false")
+    with pytest.raises(VideoError, match="could not be served on port 1"):
+        app.select_roi(_frames(1)[0][0], port=1, show=False)
