@@ -6,11 +6,14 @@ import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from datasets_synthetic import SequenceSpec
 
 __all__ = ["TUNED_ON", "FlowPair", "dataset_pairs", "middlebury_pairs", "read_flo", "suite_pairs", "write_flo"]
 
@@ -216,15 +219,27 @@ def suite_pairs(suite: str, count: int) -> Iterator[FlowPair]:
     ValueError
         If the suite is unknown; names the known ones.
     """
-    from datasets_synthetic import SUITES, render
+    from joblib import Parallel, delayed
+
+    from datasets_synthetic import SUITES
 
     if suite not in SUITES:
         raise ValueError(f"unknown suite {suite!r}; known: {', '.join(SUITES)}")
-    for spec in SUITES[suite]:
-        sequence = render(spec)
-        last = len(sequence.frames) - 2
-        for t in sorted({round(place) for place in np.linspace(0, last, count + 2)[1:-1]}):
-            flow, valid = sequence.flow(t)
-            start = max(t - CONTEXT, 0)
-            frames = tuple(np.asarray(frame) for frame in sequence.frames[start : t + CONTEXT + 2])
-            yield FlowPair(f"{spec.name}-{t:03d}", frames, t - start, flow, valid)
+    jobs = Parallel(n_jobs=2, return_as="generator")
+    for pairs in jobs(delayed(_sequence_pairs)(spec, count) for spec in SUITES[suite]):
+        yield from pairs
+
+
+def _sequence_pairs(spec: SequenceSpec, count: int) -> list[FlowPair]:
+    """Render one sequence and keep of it only what the pairs need."""
+    from datasets_synthetic import render
+
+    sequence = render(spec)
+    pairs = []
+    last = len(sequence.frames) - 2
+    for t in sorted({round(place) for place in np.linspace(0, last, count + 2)[1:-1]}):
+        flow, valid = sequence.flow(t)
+        start = max(t - CONTEXT, 0)
+        frames = tuple(np.array(frame) for frame in sequence.frames[start : t + CONTEXT + 2])
+        pairs.append(FlowPair(f"{spec.name}-{t:03d}", frames, t - start, flow, valid))
+    return pairs
