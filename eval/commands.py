@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from . import regression
 from .report import write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
-from .runner import Limits, make_jobs, measure_speed, run_jobs
+from .runner import TIMED_UPDATES, Limits, make_jobs, measure_speed, run_jobs
 from .sequences import Sequence, SequenceError, load_dataset, load_suite
 from .tables import (
     console_table,
@@ -91,7 +91,7 @@ def speed(
     dataset: str | None = None,
     trackers: tuple[str, ...] = DEFAULT_TRACKERS,
     sequences: tuple[str, ...] = (),
-    frames: int = 40,
+    frames: int = TIMED_UPDATES,
     timeout: float = 60.0,
     out: _Out = Path("results"),
 ) -> None:
@@ -174,7 +174,7 @@ def bench(*, suite: str = "standard", jobs: int = 2, out: _Out = Path("results")
     folder = Folder(out / suite)
     folder.write_manifest(source, found)
     _run_with_progress(specs, found, folder, jobs, Limits(), 0, False)
-    _speed_with_progress(specs, found, folder, 40, Limits(60.0))
+    _speed_with_progress(specs, found, folder, TIMED_UPDATES, Limits(60.0))
     report(out=out, only=suite)
 
 

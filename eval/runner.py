@@ -30,13 +30,16 @@ from .results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory,
 from .sequences import Sequence
 from .trackers import TrackerSpec, code_version
 
-__all__ = ["Job", "Limits", "make_jobs", "measure_speed", "run_jobs", "run_one", "start_box"]
+__all__ = ["TIMED_UPDATES", "Job", "Limits", "make_jobs", "measure_speed", "run_jobs", "run_one", "start_box"]
 
 PERTURBATION = 0.1
 """Largest change of a perturbed start box, in box sizes: position and size alike."""
 
 WARM_UP = 5
 """Updates before the timed ones: compilation, caches, the first allocation."""
+
+TIMED_UPDATES = 20
+"""Per sequence and tracker: enough for a median, since thirty sequences are measured."""
 
 _PROTOCOL = "1"  # part of every key: raise it when what a tracker is given changes
 _POLL_SECONDS = 0.02
@@ -174,7 +177,8 @@ def run_jobs(
             stored, note = _stored(job, key, folder)
             reused = stored is not None and (stored.status == COMPLETED or not retry_failed)
             if stored is None or not reused:
-                stored = run_one(job, key=key, limits=limits, stamp=stamp, stop=stop)
+                origin = {**stamp, "code": versions[job.tracker.name]}
+                stored = run_one(job, key=key, limits=limits, stamp=origin, stop=stop)
                 folder.write_run(stored)
             report(stored, reused, note)
         except _Cancelled:
@@ -234,7 +238,7 @@ def run_one(
         records = _read_records(place / "records")
         # A positive code is Python's own end, and its last line says why; a signal leaves nothing of ours there.
         complaint = _last_line(place / "errors") if process.returncode > 0 else ""
-    return _as_run(job, key, records, ended, complaint, stamp or provenance())
+    return _as_run(job, key, records, ended, complaint, stamp or {**provenance(), "code": code_version(job.tracker)})
 
 
 def _open_command(job: Job) -> dict[str, Any]:
@@ -354,7 +358,6 @@ def _as_run(
         **stamp,
         "tracker": job.tracker.factory,
         "params": dict(job.tracker.params),
-        "code": code_version(job.tracker),
         "digest": job.sequence.digest,
     }
     return Run(
@@ -443,7 +446,7 @@ def measure_speed(
     sequences: list[Sequence],
     folder: Folder,
     *,
-    frames: int = 40,
+    frames: int = TIMED_UPDATES,
     warm_up: int = WARM_UP,
     limits: Limits | None = None,
     report: Callable[[SpeedRun, bool], None],
