@@ -1,53 +1,140 @@
 """`TrackerHS`: the tracker with the interface of ``cv2.Tracker``.
 
-It decides; its collaborators compute. It is the only mutable object of a track.
+It decides; its collaborators compute. It is the only mutable object of a track: what is known of the target is a
+:class:`_Track`, replaced as a whole after each frame, so that a frame that cannot be used leaves no trace.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .flow import HornSchunck
-from .frames import Frame, InputError, as_frame, as_roi, crop, to_gray
+from . import layers, propagation
+from .choice import Choice, judge
+from .flow import derivatives, normal_flow
+from .frames import Frame, InputError, as_frame, as_roi
 from .geometry import Box
+from .layers import LayersReport, LayersState
 from .params import TrackerHS_Params
+from .propagation import PropagationReport, PropagationState
 
-__all__ = ["TrackerHS", "TrackerHS_create"]
+__all__ = ["TrackerDebug", "TrackerHS", "TrackerHS_create", "TrackerState"]
 
 NOWHERE = (0, 0, 0, 0)
 """The box that cv2's trackers return with ``False``."""
 
+SEEN_MARGIN = 16
+"""Margin round the box, px, in which a frame must repeat the last one bit by bit to count as the same frame."""
+
+LAYERS = layers.LayersParams()
+PROPAGATION = propagation.PropagationParams()
+
+TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
+
+
+@dataclass(frozen=True)
+class TrackerDebug:
+    """What the last update saw and thought: the panels of the paper's window.
+
+    Parameters
+    ----------
+    window : Box
+        The window worked in, frame px.
+    step : float
+        Frame pixels per window pixel.
+    previous, current : ndarray, shape (H, W), float32
+        The window in the last two frames, gray, 0–255.
+    Fx, Fy, Ft : ndarray, shape (H, W), float32
+        Derivatives over the 2×2×2 cube.
+    flow : ndarray, shape (H, W, 2), float32
+        Window px per frame.
+    normal_flow : ndarray, shape (H, W, 2), float32
+    mask : ndarray of bool, shape (H, W), or None
+        Pixels of the object; None when the box was carried by flow.
+    choice : Choice
+        The measurements behind the mode that answered.
+    """
+
+    window: Box
+    step: float
+    previous: NDArray[np.float32]
+    current: NDArray[np.float32]
+    Fx: NDArray[np.float32]
+    Fy: NDArray[np.float32]
+    Ft: NDArray[np.float32]
+    flow: NDArray[np.float32]
+    normal_flow: NDArray[np.float32]
+    mask: NDArray[np.bool_] | None
+    choice: Choice
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """The part of the last frame round the box, to recognise a frame that comes twice."""
+
+    x0: int
+    y0: int
+    pixels: NDArray[Any]
+
+    @classmethod
+    def of(cls, frame: Frame, box: Box) -> _Seen:
+        window = box.grown(SEEN_MARGIN).clip(frame.width, frame.height)
+        x0, y0 = int(window.x), int(window.y)
+        return cls(x0, y0, frame.pixels[y0 : int(window.bottom) + 1, x0 : int(window.right) + 1].copy())
+
+    def again(self, frame: Frame) -> bool:
+        height, width = self.pixels.shape[:2]
+        part = frame.pixels[self.y0 : self.y0 + height, self.x0 : self.x0 + width]
+        return part.dtype == self.pixels.dtype and np.array_equal(part, self.pixels)
+
 
 @dataclass(frozen=True)
 class _Track:
-    """All that is known of the target after one frame; replaced as a whole, never changed."""
+    """All that is known of the target after one frame."""
 
+    layers: layers.LayersState | None
+    propagation: propagation.PropagationState | None
+    choice: Choice
+    seen: _Seen
     box: Box
-    previous: NDArray[np.float32]
-    window: tuple[int, int, int, int]
+    score: float = 1.0
+    state: TrackerState = "tracking"
+    updated: bool = False
 
 
 class TrackerHS:
-    """Track one object by its motion; use it where a ``cv2.TrackerCSRT`` stood.
+    """Track one object by its motion; put it where a ``cv2.TrackerCSRT`` stood.
 
-    Never a subclass of ``cv2.Tracker``: OpenCV does not support that, and crashes.
+    The object is found by Horn–Schunck optical flow: no template, no training, no model file, so it may rotate,
+    deform, glint or change its surface. Duck-typed: it is not a subclass of ``cv2.Tracker``, since OpenCV does not
+    support that and crashes.
 
     Parameters
     ----------
     parameters : TrackerHS_Params, optional
-        Copied; later changes to it do not reach the tracker.
+        Copied: later changes to it do not reach the tracker.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from hs_tracker_cv import TrackerHS_create
+    >>> frame = np.random.default_rng(0).integers(0, 255, (120, 160, 3), dtype=np.uint8)
+    >>> tracker = TrackerHS_create()
+    >>> tracker.init(frame, (40, 30, 32, 24))
+    >>> tracker.update(frame)
+    (True, (40, 30, 32, 24))
     """
 
     Params = TrackerHS_Params
 
     def __init__(self, parameters: TrackerHS_Params | None = None) -> None:
         self._parameters = TrackerHS_Params.from_dict((parameters or TrackerHS_Params()).to_dict())
-        self._first: Frame | None = None
-        self._shape: tuple[int, int, int] | None = None
+        self._shape = (0, 0, 0)
+        self._dtype: np.dtype[Any] | None = None
         self._gain = 1.0
         self._track: _Track | None = None
 
@@ -57,52 +144,204 @@ class TrackerHS:
         return cls(parameters)
 
     def init(self, image: Any, boundingBox: Any) -> None:
-        """Start tracking the object inside `boundingBox`; forgets everything before."""
+        """Start tracking what is inside a box; whatever was tracked before is forgotten.
+
+        Parameters
+        ----------
+        image : ndarray or cv2.UMat
+            Gray (H, W) or (H, W, 1), BGR (H, W, 3) or BGRA (H, W, 4); uint8, uint16 or float; any stride. It is
+            neither kept nor written to.
+        boundingBox : sequence of 4 numbers
+            x, y, w, h in px. What lies outside the frame is cut off.
+
+        Raises
+        ------
+        InputError
+            If image or box cannot be used (a ``cv2.error`` and a ``ValueError``); the tracker is then
+            uninitialised.
+        """
         self._track = None
         frame = as_frame(image)
         box = as_roi(boundingBox, frame)
-        self._shape = (frame.height, frame.width, frame.channels)
-        self._gain = frame.gain
-        self._track = _look(frame, box)
+        mode = self._parameters.mode
+        track = _Track(
+            layers=None if mode == "propagation" else layers.start(frame, box, LAYERS),
+            propagation=None if mode == "layers" else propagation.start(frame, box, PROPAGATION),
+            choice=Choice(trusted=mode != "propagation"),
+            seen=_Seen.of(frame, box),
+            box=box,
+        )
+        self._shape = frame.pixels.shape
+        self._dtype, self._gain = frame.pixels.dtype, frame.gain
+        self._track = track
 
     def update(self, image: Any) -> tuple[bool, tuple[int, int, int, int]]:
-        """Find the object in the next frame."""
+        """Find the object in the next frame.
+
+        Parameters
+        ----------
+        image : ndarray or cv2.UMat
+            Of the size and channel count of the frame given to `init`. None or an empty image (a dropped frame)
+            is answered with False, and changes nothing.
+
+        Returns
+        -------
+        ok : bool
+            True when the object is located. False when it is lost, occluded or out of view; it is searched for
+            in the frames that follow.
+        box : tuple of 4 int
+            x, y, w, h in px; zeros where `ok` is False. :attr:`box` is the same with sub-pixel precision.
+
+        Raises
+        ------
+        InputError
+            Before a successful `init`, or for an image that cannot belong to the same video; the track is
+            as if the call had not been made.
+        """
         if self._track is None:
             raise InputError("update needs a successful init first")
-        if image is None or getattr(image, "size", 1) == 0:
+        if image is None or (isinstance(image, np.ndarray) and image.size == 0):
             return False, NOWHERE
-        frame = as_frame(image, self._gain)
-        x0, y0, width, height = self._track.window
-        previous = self._track.previous
-        current = to_gray(crop(frame, x0, y0, width, height))
-        flow = HornSchunck("fast").calc(previous, current)
-        box = self._track.box
-        inside = flow[
-            max(round(box.y) - y0, 0) : round(box.bottom) - y0, max(round(box.x) - x0, 0) : round(box.right) - x0
-        ]
-        u, v = np.median(inside.reshape(-1, 2), axis=0)
-        self._track = _look(frame, box.moved(float(u), float(v)))
+        frame = self._frame(image)
+        if not self._track.seen.again(frame):
+            self._track = _advance(self._track, frame)
+        if self._track.state != "tracking":
+            return False, NOWHERE
         return True, self._track.box.rounded()
+
+    def getTrackingScore(self) -> float:
+        """Confidence in the last answer, in [0, 1]; 0 before a successful `init`."""
+        return self._track.score if self._track else 0.0
+
+    @property
+    def parameters(self) -> TrackerHS_Params:
+        """A copy of the options in force."""
+        return TrackerHS_Params.from_dict(self._parameters.to_dict())
+
+    @property
+    def initialised(self) -> bool:
+        """True after a successful `init`."""
+        return self._track is not None
 
     @property
     def box(self) -> Box | None:
-        """The sub-pixel box of the last update."""
+        """Where the object is, with sub-pixel precision; where it was last, while lost; None before `init`."""
         return self._track.box if self._track else None
 
     @property
-    def state(self) -> str:
-        """``"tracking"``, ``"occluded"`` or ``"lost"``."""
+    def state(self) -> TrackerState:
+        """``"tracking"``, ``"occluded"`` or ``"lost"``; ``"uninitialised"`` before a successful `init`."""
+        return self._track.state if self._track else "uninitialised"
+
+    def debug(self) -> TrackerDebug:
+        """What the last update saw and thought.
+
+        Raises
+        ------
+        InputError
+            Before the first update.
+        """
+        track = self._track
+        if track is None or not track.updated:
+            raise InputError("debug needs an update first")
+        view = _view(_followed(track.layers, track.propagation, track.choice))
+        fx, fy, ft = derivatives(view.previous, view.current)
+        return TrackerDebug(
+            window=view.window,
+            step=view.step,
+            previous=view.previous,
+            current=view.current,
+            Fx=fx,
+            Fy=fy,
+            Ft=ft,
+            flow=view.flow,
+            normal_flow=normal_flow(fx, fy, ft),
+            mask=view.mask,
+            choice=track.choice,
+        )
+
+    def _frame(self, image: Any) -> Frame:
+        """Check that an image can be the next frame of this video."""
+        if isinstance(image, cv2.UMat):
+            image = image.get()
+        same_kind = isinstance(image, np.ndarray) and image.dtype == self._dtype
+        frame = as_frame(image, self._gain if same_kind else None)
+        if frame.pixels.shape != self._shape:
+            height, width, channels = self._shape
+            raise InputError(
+                f"expected a {width} × {height} frame of {channels} channel(s) as given to init, got "
+                f"{frame.width} × {frame.height} of {frame.channels}; call init again for another video"
+            )
+        return frame
+
+
+def _advance(track: _Track, frame: Frame) -> _Track:
+    """Take one frame in: both modes look, the rule chooses, the track is replaced."""
+    carried = propagation.step(track.propagation, frame, PROPAGATION) if track.propagation else None
+    segmented = _segment(track, carried, frame) if track.layers else None
+    choice = track.choice
+    if segmented and carried:
+        choice = judge(choice, segmented.report.mismatch, segmented.report.stray)
+    report = _followed(segmented, carried, choice).report
+    return _Track(
+        layers=segmented,
+        propagation=carried,
+        choice=choice,
+        seen=_Seen.of(frame, report.box),
+        box=report.box,
+        score=report.score,
+        state=_state(report),
+        updated=True,
+    )
+
+
+def _followed(
+    segmented: LayersState | None, carried: PropagationState | None, choice: Choice
+) -> LayersState | PropagationState:
+    """The mode that answers."""
+    chosen = segmented if segmented and (choice.trusted or carried is None) else carried
+    assert chosen is not None, "init starts at least one mode"
+    return chosen
+
+
+def _segment(track: _Track, carried: PropagationState | None, frame: Frame) -> LayersState:
+    """Segmentation whole while it is followed; only what its trust needs while it is not."""
+    assert track.layers is not None
+    if track.choice.trusted or carried is None:
+        return layers.step(track.layers, frame, LAYERS)
+    return layers.watch(track.layers, frame, carried.report.box, LAYERS)
+
+
+class _View(NamedTuple):
+    """The pictures behind one answer."""
+
+    window: Box
+    step: float
+    previous: NDArray[np.float32]
+    current: NDArray[np.float32]
+    flow: NDArray[np.float32]
+    mask: NDArray[np.bool_] | None
+
+
+def _view(state: LayersState | PropagationState) -> _View:
+    if isinstance(state, LayersState):
+        seen = state.report
+        height, width = seen.current.shape
+        window = Box(*seen.origin, width * seen.step, height * seen.step)
+        return _View(window, seen.step, seen.previous, seen.current, seen.flow, seen.mask.astype(bool))
+    debug, (cx, cy, scale_x, scale_y) = state.report.debug, state.report.debug["pose"]
+    height, width = debug["current"].shape
+    step_x, step_y = state.geometry.fine_step * scale_x, state.geometry.fine_step * scale_y
+    window = Box.from_centre(cx + 0.5, cy + 0.5, width * step_x, height * step_y)
+    # patches are normalised to mean 0 and deviation 32
+    previous, current = (np.clip(debug[name] + 128.0, 0.0, 255.0) for name in ("previous", "current"))
+    return _View(window, step_x, previous, current, debug["flow"], None)
+
+
+def _state(report: LayersReport | PropagationReport) -> TrackerState:
+    if report.ok:
         return "tracking"
-
-    def getTrackingScore(self) -> float:
-        """Confidence in the last box, in [0, 1]."""
-        return 1.0
-
-
-def _look(frame: Frame, box: Box) -> _Track:
-    x0, y0 = round(box.x - 16), round(box.y - 16)
-    width, height = round(box.w + 32), round(box.h + 32)
-    return _Track(box, to_gray(crop(frame, x0, y0, width, height)), (x0, y0, width, height))
+    return "occluded" if isinstance(report, LayersReport) and report.occluded else "lost"
 
 
 def TrackerHS_create(parameters: TrackerHS_Params | None = None) -> TrackerHS:
