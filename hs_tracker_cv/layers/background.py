@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import KNOWN, gauss_newton
+from .kernels import KNOWN, gauss_newton, median_flow
 from .state import Atlas, Image, Plane
 from .window import shifted
 
-__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "shift"]
+__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "shift", "stray"]
 
 _PIXELS = 1500
 _FEWEST = 60  # fewer pixels say nothing about the camera
@@ -27,14 +27,27 @@ class Background(NamedTuple):
 
 
 def camera_from_flow(
-    flow: NDArray[np.float32], outside: NDArray[np.bool_], last: tuple[float, float]
+    flow: NDArray[np.float32], near: NDArray[np.uint8], last: tuple[float, float]
 ) -> tuple[float, float]:
     """Median flow outside the object; exactly zero when it is small, the last one when hardly anything is outside."""
-    chosen = flow[::3, ::3][outside[::3, ::3]]
-    if 9 * len(chosen) < _FEWEST:
+    medians, n = _medians(flow, near, last)
+    if 16 * n < _FEWEST:
         return last
-    u, v = (float(np.median(chosen[:, i])) for i in (0, 1))
-    return (0.0, 0.0) if np.hypot(u, v) < 0.12 else (u, v)
+    u, v, _ = medians
+    return (0.0, 0.0) if np.hypot(u, v) < 0.12 else (float(u), float(v))
+
+
+def stray(flow: NDArray[np.float32], near: NDArray[np.uint8], camera: tuple[float, float], contrast: float) -> float:
+    """c: how far the flow outside the object is from the camera's, over the motion contrast."""
+    return float(_medians(flow, near, camera)[0][2]) / max(contrast, 0.1)
+
+
+def _medians(
+    flow: NDArray[np.float32], near: NDArray[np.uint8], about: tuple[float, float]
+) -> tuple[NDArray[np.float64], int]:
+    out = np.zeros(3)
+    n = median_flow(flow, near, np.array(about), np.empty((3, near.size // 16 + 64), np.float32), out)
+    return out, int(n)
 
 
 def register(
@@ -65,9 +78,7 @@ def register(
     if camera != (0.0, 0.0) and (moved_cost := cost(moved)) < best_cost:
         best, best_cost = moved, moved_cost
     refined = best.copy()
-    refined_cost = float(
-        gauss_newton(image, picture, used, grid, refined, prior, 3.0 * noise, 3, stride, inside)
-    )
+    refined_cost = float(gauss_newton(image, picture, used, grid, refined, prior, 3.0 * noise, 3, stride, inside))
     if refined_cost <= best_cost and np.hypot(refined[0] - best[0], refined[3] - best[3]) < 2.0:
         best, best_cost = refined, refined_cost
     still[6] = best[6]

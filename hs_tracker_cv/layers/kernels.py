@@ -6,20 +6,23 @@ An affine displacement is a[0..5]: q = p + (a0 + a1 X + a2 Y, a3 + a4 X + a5 Y) 
 and `grid` is (cx, cy, scale).
 """
 
+# Types come from the calls: Numba infers them.
+# mypy: allow-untyped-defs, no-check-untyped-defs, allow-untyped-calls
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
 __all__ = [
+    "KNOWN",
     "alpha_edge",
     "evidence",
     "fit_affine",
-    "KNOWN",
     "gauss_newton",
     "label",
     "learn",
     "local_products",
+    "median_flow",
     "search_shift",
 ]
 
@@ -263,6 +266,29 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
+def median_flow(flow, near, about, sample, out):
+    """Medians outside `near`, every fourth pixel of every fourth row: u, v and |flow − about| into out[0..2].
+
+    `sample` is a workspace (3, N). Returns the number of pixels looked at.
+    """
+    h, w = near.shape
+    n = 0
+    for y in range(0, h, 4):
+        for x in range(y // 4 % 4, w, 4):
+            if near[y, x] == 0 and n < sample.shape[1]:
+                u, v = flow[y, x, 0], flow[y, x, 1]
+                sample[0, n] = u
+                sample[1, n] = v
+                sample[2, n] = (u - about[0]) * (u - about[0]) + (v - about[1]) * (v - about[1])
+                n += 1
+    if n:
+        for i in range(3):
+            out[i] = _select(sample[i], n, n // 2)
+        out[2] = np.sqrt(out[2])
+    return n
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def search_shift(image, obj, shape, different, centre, reach, step, inside, noise):
     """Best translation of the object layer: Σ over its shape of [not background] (1 − min(|I − O| / (12 + 3σ), 2)).
 
@@ -481,8 +507,27 @@ def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
 def learn(
-    image, aligned, mask, near, odds, raw, warped, obj, shape, errors, bins, inside, knobs,
-    s_out, o_out, m_out, ground, counts, tally, sample, sums,
+    image,
+    aligned,
+    mask,
+    near,
+    odds,
+    raw,
+    warped,
+    obj,
+    shape,
+    errors,
+    bins,
+    inside,
+    knobs,
+    s_out,
+    o_out,
+    m_out,
+    ground,
+    counts,
+    tally,
+    sample,
+    sums,
 ):
     """What is remembered after a frame: log-odds, object layer, slow shape, background, colours.
 
@@ -500,15 +545,17 @@ def learn(
         for x in range(w):
             m = mask[y, x] != 0
             s = warped[y, x]
-            l = odds[y, x]
+            belief = odds[y, x]
             if m:
                 s_new = max(raw[y, x], np.float32(0.2))
             else:
-                s_new = s + np.float32(0.5) * (l - s)
+                s_new = s + np.float32(0.5) * (belief - s)
             s_out[y, x] = min(max(s_new, np.float32(-3.0)), np.float32(4.0))
             m_out[y, x] = shape[y, x]
             if freeze == 0.0:
-                target = min(max(l + np.float32(0.5), np.float32(0.0)), np.float32(1.0)) if m else np.float32(0.0)
+                target = (
+                    min(max(belief + np.float32(0.5), np.float32(0.0)), np.float32(1.0)) if m else np.float32(0.0)
+                )
                 m_out[y, x] += shape_rate * (target - shape[y, x])
             rate = np.float32(0.0)
             if m:
@@ -525,7 +572,7 @@ def learn(
             free = near[y, x] == 0
             if free:
                 tally[1, bins[y, x]] += 1.0
-            elif m and l > 1.0:
+            elif m and belief > 1.0:
                 tally[0, bins[y, x]] += 1.0
             error, gain = errors[1, y, x], errors[3, y, x]
             if free and n >= KNOWN:
@@ -543,7 +590,7 @@ def learn(
                 counts[2, y, x] = 0.0
             else:
                 counts[2, y, x] += 1.0
-            if not free or l >= -1.0:
+            if not free or belief >= -1.0:
                 continue
             if n < KNOWN and errors[4, y, x] >= 4.0:
                 n = np.float32(0.0)  # something moves here: begin again

@@ -26,9 +26,7 @@ def dilate(mask: Mask, side: int) -> Mask:
     return np.asarray(cv2.dilate(mask, _square(side)), dtype=np.uint8)
 
 
-def grow(
-    error: Plane, seen: Plane, age: Plane, warped: Plane, distractor: Mask, count: int
-) -> tuple[Mask, Mask]:
+def grow(error: Plane, seen: Plane, age: Plane, warped: Plane, distractor: Mask, count: int) -> tuple[Mask, Mask]:
     """Where the object has grown and where something else has arrived.
 
     Only pixels that matched the background a moment ago count: this excludes ghosts and lifted shadows.
@@ -46,10 +44,13 @@ def grow(
     if area == 0 or not new.any():
         return grown, np.zeros_like(obj)
     apart = new & (1 - obj)
-    other = _other_components(apart, dilate(obj, 9), max(8.0, 0.02 * area))
+    if not apart.any():
+        return grown, np.zeros_like(obj)
+    near = dilate(obj, 9)
+    other = _other_components(apart, near, max(8.0, 0.02 * area))
     if distractor.any():
         other |= new & dilate(distractor, 7) & (1 - obj)
-    calm = np.count_nonzero(new & (1 - dilate(obj, 9))) < 0.03 * new.size
+    calm = np.count_nonzero(new & (1 - near)) < 0.03 * new.size
     if count > 2 and calm:
         allowed = new & (1 - other)
         region = obj
@@ -105,12 +106,12 @@ def refine_edge(image: Image, background: Image, seen: Plane, mask: Mask, odds: 
     return kept
 
 
-def box_of(mask: Mask, odds: Plane, sub_pixel: bool) -> Box | None:
-    """Extremes of a mask, window px; with `sub_pixel` where the largest odds per row or column cross zero."""
+def box_of(mask: Mask, odds: Plane | None) -> Box | None:
+    """Extremes of a mask, window px; given the odds, where the largest per row or column crosses zero."""
     x, y, w, h = cv2.boundingRect(mask)
     if w == 0:
         return None
-    if not sub_pixel:
+    if odds is None:
         return Box(float(x), float(y), float(w), float(h))
     columns = odds[y : y + h, :].max(axis=0)
     rows = odds[:, x : x + w].max(axis=1)

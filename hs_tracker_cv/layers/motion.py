@@ -9,12 +9,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from . import background as ground
 from .kernels import fit_affine, gauss_newton
-from .state import Image, LayersParams, LayersState, Plane
+from .mask import dilate
+from .state import Atlas, Image, LayersParams, LayersState, Plane
+from .window import View
 
-__all__ = ["Grid", "Motion", "dense_flow", "grid_of", "measure", "predict", "warp"]
+__all__ = ["Grid", "Moves", "displace", "find", "follow", "warp"]
 
 _LOCAL = threading.local()
+_NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
 _FIT_PIXELS = 1200  # enough for eight parameters; more only cost time
 
 
@@ -36,32 +40,103 @@ class Grid(NamedTuple):
         return max(1, round(self.area * share / _FIT_PIXELS))
 
 
-class Motion(NamedTuple):
-    """Affine motion of the object: theta (8,) as in `gauss_newton`, its residual, and the prediction's."""
+class Moves(NamedTuple):
+    """How everything moved into this frame.
 
+    grid, theta, residual : affine motion of the object, as in `kernels.gauss_newton`, and its mean residual.
+    flow : dense, window px per frame.
+    camera : translation of the background, lattice px.
+    atlas : the background, registered to this frame.
+    contrast : how much the object moves against the camera, 0–1, slowly forgetting.
+    """
+
+    grid: Grid
     theta: NDArray[np.float64]
     residual: float
-    predicted: float
+    flow: NDArray[np.float32]
+    camera: tuple[float, float]
+    atlas: Atlas
+    contrast: float
+
+    @property
+    def velocity(self) -> tuple[float, float]:
+        """Translation of the object, lattice px."""
+        return float(self.theta[0]), float(self.theta[3])
 
 
-def grid_of(mask: NDArray[np.uint8], fallback: tuple[float, float, float, float]) -> Grid:
-    """Centre and scale of a mask; of a box (window px) when the mask is empty."""
+def find(state: LayersState, view: View, params: LayersParams) -> Moves:
+    """Motion of object and camera into this frame."""
+    obj = (state.odds > 0).view(np.uint8)
+    grid = _grid_of(obj, state)
+    weight = (state.visible if state.occlusion.occluded else obj).astype(np.float32)
+    predicted = _predict(state, view.image, weight, grid, view.inside)
+    near = dilate(obj, 5)
+    flow = _dense_flow(view, near, grid, predicted[0], state, params)
+    atlas, camera = _ground(state, view, flow, near)
+    theta, residual = _measure(state, view, flow, weight, grid, predicted, camera)
+    few = state.occlusion.occluded and np.count_nonzero(weight) < 0.1 * state.box[2] * state.box[3]
+    if few or state.occlusion.coasting:  # hardly anything is seen: it moves as it did before
+        theta = _theta(state.velocity, _NO_LINEAR, grid.scale)
+    return Moves(grid, theta, residual, flow, camera, atlas, _contrast(theta, camera, state.contrast))
+
+
+def follow(
+    state: LayersState, view: View, obj: NDArray[np.uint8], velocity: tuple[float, float], params: LayersParams
+) -> Moves:
+    """Motion of the camera into this frame; that of the object is given."""
+    grid = _grid_of(obj, state)
+    theta = _theta(velocity, _NO_LINEAR, grid.scale)
+    near = dilate(obj, 5)
+    flow = _dense_flow(view, near, grid, theta, state, params)
+    atlas, camera = _ground(state, view, flow, near)
+    return Moves(grid, theta, state.match_cost, flow, camera, atlas, _contrast(theta, camera, state.contrast))
+
+
+def displace(moves: Moves, shift: tuple[int, int]) -> Moves:
+    """Add a translation to the object's motion."""
+    theta = moves.theta.copy()
+    theta[0] += shift[0]
+    theta[3] += shift[1]
+    return moves._replace(theta=theta)
+
+
+def _ground(
+    state: LayersState, view: View, flow: NDArray[np.float32], near: NDArray[np.uint8]
+) -> tuple[Atlas, tuple[float, float]]:
+    camera = ground.camera_from_flow(flow, near, state.camera)
+    outside = (near == 0).astype(np.float32)
+    registered = ground.register(state.atlas, view.image, outside, camera, state.noise, view.inside)
+    return ground.fill_new(registered.atlas, view.image, state.odds), registered.camera
+
+
+def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: float) -> float:
+    relative = float(np.hypot(theta[0] - camera[0], theta[3] - camera[1]))
+    relative += 0.2 * float(np.abs(theta[[1, 2, 4, 5]]).sum())
+    return max(min(relative / 0.4, 1.0), 0.9 * last)
+
+
+def _grid_of(mask: NDArray[np.uint8], state: LayersState) -> Grid:
+    """Centre and scale of a mask; of the last box when the mask is empty."""
     moments = cv2.moments(mask, binaryImage=True)
     area = moments["m00"]
     if area < 4:
-        x, y, w, h = fallback
-        return Grid(x + w / 2, y + h / 2, max(6.0, max(w, h) / 2), max(w * h, 1.0))
+        x, y, w, h = state.box
+        return Grid(
+            x - state.origin[0] + w / 2, y - state.origin[1] + h / 2, max(6.0, max(w, h) / 2), max(w * h, 1.0)
+        )
     _, _, w, h = cv2.boundingRect(mask)
     return Grid(moments["m10"] / area, moments["m01"] / area, max(6.0, max(w, h) / 2), area)
 
 
-def _theta(velocity: tuple[float, float], linear: tuple[float, float, float, float], scale: float) -> NDArray[np.float64]:
+def _theta(
+    velocity: tuple[float, float], linear: tuple[float, float, float, float], scale: float
+) -> NDArray[np.float64]:
     vx, vy = velocity
     a, b, c, d = (value * scale for value in linear)
     return np.array((vx, a, b, vy, c, d, 0.0, 0.0))
 
 
-def predict(
+def _predict(
     state: LayersState, image: Image, weight: Plane, grid: Grid, inside: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], float]:
     """Affine motion expected for this frame, and its mean residual.
@@ -69,20 +144,22 @@ def predict(
     The last motion, its translation alone or the camera's motion, whichever explains the frame best; a search over
     translations when none does (always in the second frame, whose motion nobody knows).
     """
-    no_linear = (0.0, 0.0, 0.0, 0.0)
     best = _theta(state.velocity, state.linear, grid.scale)
     if state.occlusion.occluded or state.occlusion.coasting:
-        return _theta(state.velocity, no_linear, grid.scale), state.match_cost
+        return _theta(state.velocity, _NO_LINEAR, grid.scale), state.match_cost
     cost = _cost(state.obj, image, weight, grid, best, inside)
-    for velocity in (state.velocity, state.camera):
-        other = _theta(velocity, no_linear, grid.scale)
+    candidates = (state.velocity, state.camera) if max(map(abs, best[[1, 2, 4, 5]])) > 0.02 else (state.camera,)
+    for velocity in candidates:
+        if velocity == state.camera and np.hypot(velocity[0] - best[0], velocity[1] - best[3]) < 0.1:
+            continue
+        other = _theta(velocity, _NO_LINEAR, grid.scale)
         other_cost = _cost(state.obj, image, weight, grid, other, inside)
         if other_cost < cost - 0.3:
             best, cost = other, other_cost
     first = state.count == 0
     if first or cost > 1.5 * state.match_cost + 1.0:
         shift = _search(state, image, weight, grid)
-        other = _theta(shift, no_linear, grid.scale)
+        other = _theta(shift, _NO_LINEAR, grid.scale)
         other_cost = _cost(state.obj, image, weight, grid, other, inside)
         dx, dy = shift[0] - state.velocity[0], shift[1] - state.velocity[1]
         distance = dx * dx + dy * dy
@@ -96,9 +173,7 @@ def _cost(
     obj: Image, image: Image, weight: Plane, grid: Grid, theta: NDArray[np.float64], inside: NDArray[np.int64]
 ) -> float:
     nothing = np.zeros(8)
-    return float(
-        gauss_newton(image, obj, weight, grid.triple, theta.copy(), nothing, 1.0, 0, grid.stride(), inside)
-    )
+    return float(gauss_newton(image, obj, weight, grid.triple, theta.copy(), nothing, 1.0, 0, grid.stride(), inside))
 
 
 def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
@@ -108,14 +183,18 @@ def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tupl
     obj, mask = state.obj, weight
     if reduce == 2:
         size = (image.shape[1] // 2, image.shape[0] // 2)
-        image, obj = (cv2.resize(a, size, interpolation=cv2.INTER_AREA) for a in (image, obj))
-        mask = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
+        image, obj, mask = (
+            np.asarray(cv2.resize(a, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+            for a in (image, obj, weight)
+        )
     mask8 = (mask > 0.5).astype(np.uint8)
     x, y, w, h = cv2.boundingRect(mask8)
     if w < 2 or h < 2:
         return state.velocity
     template = np.ascontiguousarray(obj[y : y + h, x : x + w])
-    masks = np.repeat(mask8[y : y + h, x : x + w, np.newaxis].astype(np.float32), channels, axis=2).reshape(template.shape)
+    masks = np.repeat(mask8[y : y + h, x : x + w, np.newaxis].astype(np.float32), channels, axis=2).reshape(
+        template.shape
+    )
     squares = cv2.matchTemplate(image, template, cv2.TM_SQDIFF, mask=masks)
     cost = np.sqrt(np.maximum(squares, 0) / max(float(masks.sum()), 1.0))
     sx = reduce * (np.arange(cost.shape[1]) - x) - state.velocity[0]
@@ -139,14 +218,12 @@ def _solver(levels: int, params: LayersParams) -> Any:
     return cache[key]
 
 
-def dense_flow(
-    previous: Plane,
-    current: Plane,
+def _dense_flow(
+    view: View,
     near: NDArray[np.uint8],
     grid: Grid,
     theta: NDArray[np.float64],
-    camera: tuple[float, float],
-    box_side: float,
+    state: LayersState,
     params: LayersParams,
 ) -> NDArray[np.float32]:
     """Horn–Schunck flow, started from the predicted motion near the object and from the camera's elsewhere.
@@ -154,47 +231,57 @@ def dense_flow(
     The start field and few levels are what lets a small object with a large motion survive: it would vanish on
     coarse levels.
     """
-    levels = int(np.clip(1 + np.floor(np.log2(max(box_side, 8.0) / 10.0)), 1, 3))
-    h, w = previous.shape
+    side = max(min(state.box[2], state.box[3]), 8.0)
+    levels = int(min(max(1 + np.floor(np.log2(side / 10.0)), 1), 3))
+    h, w = view.gray.shape
     start = np.empty((h, w, 2), np.float32)
-    start[:] = camera
+    start[:] = state.camera
     x = (np.arange(w, dtype=np.float32) - np.float32(grid.cx)) / np.float32(grid.scale)
     y = ((np.arange(h, dtype=np.float32) - np.float32(grid.cy)) / np.float32(grid.scale))[:, np.newaxis]
     field = np.empty_like(start)
     field[:, :, 0] = theta[0] + theta[1] * x + theta[2] * y
     field[:, :, 1] = theta[3] + theta[4] * x + theta[5] * y
     cv2.copyTo(field, near, start)
-    flow: NDArray[np.float32] = _solver(levels, params).calc(previous, current, start)
+    flow: NDArray[np.float32] = _solver(levels, params).calc(view.previous, view.gray, start)
     return flow
 
 
-def measure(
+def _measure(
     state: LayersState,
-    image: Image,
-    gray: Plane,
+    view: View,
     flow: NDArray[np.float32],
     weight: Plane,
     grid: Grid,
     predicted: tuple[NDArray[np.float64], float],
     camera: tuple[float, float],
-    inside: NDArray[np.int64],
-) -> Motion:
+) -> tuple[NDArray[np.float64], float]:
     """Affine motion of the object: the flow's robust fit, sharpened against the object layer.
 
     The fit follows the frame pair, the layer keeps it from drifting. Registration starts from the fit and from the
     prediction, and is believed only near its start.
     """
     hidden = state.occlusion.occluded
-    theta, cost = predicted
+    theta, _ = predicted
+    image, inside = view.image, view.inside
     stride = grid.stride()
     fitted = theta.copy()
     points = np.empty((2 * _FIT_PIXELS, 7), np.float32)
     ridge = np.array((0.02, 0.1, 0.1)) * 0.3
     if hidden:
         ridge *= (3.0, 30.0, 30.0)
-    odds = np.where(weight > 0, state.odds, np.float32(-1.0))
+    odds = np.where(weight > 0, state.odds, np.float32(-1.0)) if hidden else state.odds
     fit_affine(
-        flow, gray, odds, grid.triple, ridge, state.noise, np.array(camera), state.count < 3, stride, points, fitted
+        flow,
+        view.previous,
+        odds,
+        grid.triple,
+        ridge,
+        state.noise,
+        np.array(camera),
+        state.count < 3,
+        stride,
+        points,
+        fitted,
     )
     linear = (1, 2, 4, 5)
     limit = 0.0 if hidden else 0.35 * grid.scale
@@ -219,11 +306,13 @@ def measure(
             continue
         if residual < (best_cost if number == 0 else 0.97 * best_cost):
             best, best_cost = refined, residual
-    return Motion(best, best_cost, cost)
+    return best, best_cost
 
 
-def warp(image: NDArray[np.float32], theta: NDArray[np.float64], grid: Grid, fill: float) -> NDArray[np.float32]:
-    """Image moved by an affine motion; `fill` where nothing comes from the window, its border where fill is NaN."""
+def warp(
+    image: NDArray[np.float32], theta: NDArray[np.float64], grid: Grid, fill: float | None
+) -> NDArray[np.float32]:
+    """Image moved by an affine motion; where nothing comes from the window `fill`, or (None) its border."""
     a, b, c, d = theta[1] / grid.scale, theta[2] / grid.scale, theta[4] / grid.scale, theta[5] / grid.scale
     matrix = np.array(
         (
@@ -232,9 +321,8 @@ def warp(image: NDArray[np.float32], theta: NDArray[np.float64], grid: Grid, fil
         )
     )
     size = (image.shape[1], image.shape[0])
-    if np.isnan(fill):
+    if fill is None:
         out = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     else:
-        border = (fill,) * 4
-        out = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR, borderValue=border)
+        out = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR, borderValue=(fill,) * 4)
     return np.asarray(out, dtype=np.float32).reshape(image.shape)

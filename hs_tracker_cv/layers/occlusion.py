@@ -19,23 +19,20 @@ _SPAN = 4  # frames over which a side must have moved
 _UNCONFIRMED = 12  # frames after which a suspicion is dropped
 
 
-def visible_share(mask: Mask, shape: Plane, inside: NDArray[np.int64]) -> tuple[float, float]:
-    """Visible share of the remembered shape, and the share of the shape that lies in the frame.
+def visible_share(mask: Mask, shape: Plane, inside: NDArray[np.int64]) -> float:
+    """Visible share of that part of the remembered shape that lies in the frame; 0 when none does.
 
     An area that has only changed its form counts as visible: deformation roughly conserves area.
     """
     x0, y0, x1, y1 = (int(v) for v in inside)
-    whole = shape > 0.5
-    total = int(np.count_nonzero(whole))
-    part = whole[y0:y1, x0:x1]
+    part, seen = shape[y0:y1, x0:x1] > 0.5, mask[y0:y1, x0:x1]
     area = int(np.count_nonzero(part))
-    if total == 0 or area == 0:
-        return 0.0, 0.0
-    seen = mask[y0:y1, x0:x1]
-    ratio = np.count_nonzero(part & (seen != 0)) / area
+    if area == 0:
+        return 0.0
+    ratio = float(np.count_nonzero(part & (seen != 0))) / area
     if ratio > 0.3:
-        ratio = max(ratio, min(1.0, np.count_nonzero(seen) / area))
-    return float(ratio), area / total
+        ratio = max(ratio, min(1.0, float(np.count_nonzero(seen)) / area))
+    return ratio
 
 
 def judge(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -168,6 +168,12 @@ class Occlusion:
     duration: int = 0
     drift: tuple[float, float] = (0.0, 0.0)
 
+    def rescaled(self, ratio: float) -> Occlusion:
+        """Return the memory in lattice pixels `ratio` times as many."""
+        sides = tuple((a * ratio, b * ratio, c * ratio, d * ratio) for a, b, c, d in self.sides)
+        speeds = tuple((vx * ratio, vy * ratio) for vx, vy in self.speeds)
+        return replace(self, sides=sides, speeds=speeds, drift=(self.drift[0] * ratio, self.drift[1] * ratio))
+
 
 @dataclass(frozen=True)
 class LayersState:
@@ -238,13 +244,6 @@ class LayersState:
     reliability: float = 1.0
     occlusion: Occlusion = field(default_factory=Occlusion)
 
-    def window(self) -> tuple[int, int]:
-        """Height and width of the window, lattice px."""
-        h, w = self.odds.shape
-        return int(h), int(w)
-
     def replace(self, **changes: Any) -> LayersState:
         """Return a copy with some fields changed."""
-        from dataclasses import replace
-
         return replace(self, **changes)

@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import Frame, crop
-from .state import Image
+from ..frames import Frame, crop, to_gray
+from .state import Image, LayersState, Plane
 
-__all__ = ["grab", "inside_rectangle", "lattice_step", "place_window", "shifted"]
+__all__ = ["View", "grab", "lattice_step", "look", "place_window", "shifted"]
 
 _RING = 2  # px more on each side, so that the prefilter's border lies outside the window
+
+
+class View(NamedTuple):
+    """The window of this frame: image, its gray version, that of the last frame, and its part inside the frame."""
+
+    image: Image
+    gray: Plane
+    previous: Plane
+    inside: NDArray[np.int64]
+
+
+def look(state: LayersState, frame: Frame) -> View:
+    """Cut this frame's window."""
+    h, w = state.odds.shape
+    image = grab(frame, state.origin, (h, w), state.step)
+    inside = _inside_rectangle(frame, state.origin, (h, w), state.step)
+    return View(image, to_gray(image), to_gray(state.previous), inside)
 
 
 def lattice_step(longest: float, working_size: int) -> int:
@@ -40,12 +57,12 @@ def grab(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int
     h, w = size[0] + 2 * _RING, size[1] + 2 * _RING
     pixels = crop(frame, (origin[0] - _RING) * step, (origin[1] - _RING) * step, w * step, h * step)
     if step > 1:
-        pixels = cv2.resize(pixels, (w, h), interpolation=cv2.INTER_AREA)
+        pixels = np.asarray(cv2.resize(pixels, (w, h), interpolation=cv2.INTER_AREA), dtype=np.float32)
     smooth = cv2.GaussianBlur(pixels, (5, 5), 0.7)[_RING:-_RING, _RING:-_RING]
     return np.ascontiguousarray(smooth, dtype=np.float32).reshape(size[0], size[1], -1)
 
 
-def inside_rectangle(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> NDArray[np.int64]:
+def _inside_rectangle(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> NDArray[np.int64]:
     """(x0, y0, x1, y1) of the part of the window inside the frame, window px, end exclusive."""
     right = int(frame.width / step + 0.5) - origin[0]
     bottom = int(frame.height / step + 0.5) - origin[1]

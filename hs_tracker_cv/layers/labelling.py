@@ -1,0 +1,123 @@
+"""Which pixels are the object: both layers as expected in this frame, the evidence for each, the mask."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from . import background as ground
+from . import colour, motion
+from . import mask as masks
+from .kernels import evidence, label, local_products
+from .state import Image, LayersParams, LayersState, Plane
+from .window import View, shifted
+
+__all__ = ["Expected", "Labels", "assign", "displace", "expect", "expect_nothing", "weigh"]
+
+_TAU_OBJECT = 0.35  # object layer: error per unit of gradient, px
+_TAU_WHOLE, _TAU_FRACTION = 0.15, 0.3  # background: camera on whole pixels or between
+_KAPPA_COLOUR = 1.8  # three channels tell more than one, but not three times as much
+
+
+class Expected(NamedTuple):
+    """Both layers as they should look in this frame.
+
+    background, moved : images of the background memory and of the last frame moved by the camera.
+    seen : samples behind each background pixel.
+    odds, shape, obj : the object's log-odds, shape and image, moved by its motion.
+    """
+
+    background: Image
+    moved: Image
+    seen: Plane
+    odds: Plane
+    shape: Plane
+    obj: Image
+
+
+class Labels(NamedTuple):
+    """Mask of the object, log-odds behind it (with and without the edge and component steps), errors, colour bins."""
+
+    mask: masks.Mask
+    odds: Plane
+    raw: Plane
+    errors: NDArray[np.float32]
+    distractor: masks.Mask
+    bins: NDArray[np.int16]
+
+
+def expect(state: LayersState, view: View, moves: motion.Moves) -> Expected:
+    """Move both layers to this frame."""
+    theta, grid = moves.theta, moves.grid
+    return Expected(
+        background=ground.shift(moves.atlas.image, moves.atlas.offset),
+        moved=ground.shift(state.previous, moves.camera),
+        seen=moves.atlas.counts[0],
+        odds=motion.warp(state.odds, theta, grid, -3.0),
+        shape=motion.warp(state.shape, theta, grid, 0.0),
+        obj=motion.warp(state.obj, theta, grid, None),
+    )
+
+
+def expect_nothing(state: LayersState, view: View, moves: motion.Moves, odds: Plane) -> Expected:
+    """Move the background alone; the object is where `odds` says and looks as it looks."""
+    return Expected(
+        background=ground.shift(moves.atlas.image, moves.atlas.offset),
+        moved=ground.shift(state.previous, moves.camera),
+        seen=moves.atlas.counts[0],
+        odds=odds,
+        shape=(odds > 0).astype(np.float32),
+        obj=view.image,
+    )
+
+
+def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
+    """Move the object's part by whole pixels."""
+    dx, dy = -shift[0], -shift[1]
+    h, w = expected.odds.shape
+    return expected._replace(
+        odds=shifted(expected.odds, dx, dy, (h, w), -3.0),
+        shape=shifted(expected.shape, dx, dy, (h, w), 0.0),
+        obj=shifted(expected.obj, dx, dy, (h, w), 0.0),
+    )
+
+
+def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Moves) -> NDArray[np.float32]:
+    """Evidence per pixel, shape (5, h, w); see `kernels.evidence`."""
+    h, w, channels = view.image.shape
+    products = np.empty((h, w, 4), np.float32)
+    local_products(view.image, expected.background, expected.obj, products)
+    products = np.asarray(cv2.blur(products, (5, 5)), dtype=np.float32)
+    errors = np.empty((5, h, w), np.float32)
+    tau = _TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else _TAU_FRACTION
+    kappa = _KAPPA_COLOUR if channels == 3 else 1.0
+    occluded = float(state.occlusion.occluded)
+    knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded), np.float32)
+    evidence(
+        view.image, expected.background, expected.moved, expected.obj, expected.odds, expected.seen, products,
+        np.float32(state.noise), knobs, view.inside, errors,
+    )  # fmt: skip
+    return errors
+
+
+def assign(
+    state: LayersState, view: View, expected: Expected, errors: NDArray[np.float32], age: Plane, params: LayersParams
+) -> Labels:
+    """Mask of the object from the evidence; errors[0] is changed where the object grows or something else arrives."""
+    h, w = view.gray.shape
+    grown, distractor = masks.grow(errors[1], expected.seen, age, expected.odds, state.distractor, state.count)
+    ratio, trust = colour.likelihood(state.colours, params.colour_weight)
+    bins = np.empty((h, w), np.int16)
+    raw = np.empty((h, w), np.float32)
+    label(view.image, expected.odds, errors[0], grown, ratio, trust, bins, raw)
+    odds = raw.copy()
+    mask = masks.component(odds, expected.odds)
+    odds[(odds > 0) & (mask == 0)] = -1.0
+    if distractor.any():
+        foreign = (distractor != 0) & (expected.odds < 1.0)
+        odds[foreign] = np.minimum(odds[foreign], np.float32(-2.0))
+    mask = masks.refine_edge(view.image, expected.background, expected.seen, mask, odds, state.noise)
+    return Labels(mask, odds, raw, errors, distractor, bins)

@@ -1,0 +1,173 @@
+"""What is remembered: seeded from a box, learned from a frame, moved into the next window."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from . import background as ground
+from . import colour, motion
+from . import mask as masks
+from .kernels import KNOWN, label, learn
+from .labelling import Expected, Labels
+from .state import Atlas, Image, LayersState, Plane
+from .window import View, shifted
+
+__all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
+
+# The 85th percentile of |I − B|, not the median: compression leaves most pixels alone and errs badly near edges. The
+# factor is that of the median (1.3) where both tell the same, in Gaussian noise.
+_SPREAD_TO_NOISE = 1.3 / 1.54
+_NOISE_RANGE = (1.2, 14.0)
+_COLOUR_RATE = 0.1
+_YOUNG = 12  # frames in which the shape is still learned fast
+
+
+class Seed(NamedTuple):
+    """What a box alone tells about a window."""
+
+    odds: Plane
+    shape: Plane
+    atlas: Atlas
+    colours: NDArray[np.float32]
+    bins: NDArray[np.int16]
+
+
+class Learned(NamedTuple):
+    """What a frame has taught, and how well the background explained it."""
+
+    odds: Plane
+    shape: Plane
+    obj: Image
+    atlas: Atlas
+    colours: NDArray[np.float32]
+    noise: float
+    near: masks.Mask
+    unexplained: float
+    mismatch: float
+    n_known: int
+
+
+def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int, int]) -> Seed:
+    """Log-odds, shape, background and colours from a box (lattice px): its ellipse is object, round it is ground."""
+    h, w, channels = image.shape
+    x = np.abs(np.arange(w) + 0.5 + origin[0] - box[0] - box[2] / 2) / (box[2] / 2)
+    y = (np.abs(np.arange(h) + 0.5 + origin[1] - box[1] - box[3] / 2) / (box[3] / 2))[:, np.newaxis]
+    square = np.maximum(x, y)
+    ellipse = np.sqrt(x * x + y * y)
+    odds = np.full((h, w), -3.0, np.float32)
+    odds[square <= 1.12] = -2.0
+    odds[square <= 1.0] = 0.4
+    odds[ellipse <= 0.95] = 1.0
+    counts = np.zeros((3, h, w), np.float32)
+    counts[0] = np.where(square > 1.0, KNOWN, np.float32(0.0))
+    bins = np.empty((h, w), np.int16)
+    blank = np.zeros((h, w), np.float32)
+    count = colour.bin_count(channels)
+    none = np.zeros(count, np.float32)
+    label(image, blank, blank.copy(), np.zeros((h, w), np.uint8), none, 0.0, bins, blank.copy())
+    tally = [np.bincount(bins[where], minlength=count) for where in (ellipse <= 0.9, square > 1.0)]
+    colours = np.stack([colour.histogram(one.astype(np.float32)) for one in tally])
+    return Seed(odds, (odds > 0).astype(np.float32), Atlas(image, counts), colours, bins)
+
+
+def learn_frame(
+    state: LayersState,
+    view: View,
+    moves: motion.Moves,
+    expected: Expected,
+    labels: Labels,
+    *,
+    hidden: bool,
+    suspected: bool,
+) -> Learned:
+    """Update every memory from a labelled frame.
+
+    Parameters
+    ----------
+    state : LayersState
+    view, moves, expected, labels
+        What is known of the frame.
+    hidden : bool
+        The object is covered: its shape is kept, and its image learned only where it is surely seen.
+    suspected : bool
+        It may be about to be: its shape is kept.
+    """
+    atlas = moves.atlas
+    picture, counts = atlas.image.copy(), atlas.counts.copy()
+    aligned = ground.shift(view.image, (-atlas.offset[0], -atlas.offset[1]))
+    near = masks.dilate(labels.mask | (expected.odds > 0).view(np.uint8), 5)
+    size = view.gray.shape
+    odds, shape = np.empty(size, np.float32), np.empty(size, np.float32)
+    obj = np.empty_like(expected.obj)
+    tally = np.zeros(state.colours.shape, np.float32)
+    sums = np.zeros(4)
+    rate = 0.3 if state.count < _YOUNG else 0.08
+    knobs = np.array((rate, float(hidden or suspected), float(hidden)), np.float32)
+    learn(
+        view.image, aligned, labels.mask, near, labels.odds, labels.raw, expected.odds, expected.obj, expected.shape,
+        labels.errors, labels.bins, view.inside, knobs, odds, obj, shape, picture, counts, tally,
+        np.empty(2000, np.float32), sums,
+    )  # fmt: skip
+    if hidden:
+        odds = np.clip(8.0 * (expected.shape - np.float32(0.5)), -2.0, 1.0).astype(np.float32)
+    colours = state.colours if hidden else colour.blend(state.colours, tally, _COLOUR_RATE)
+    known, strange, total, spread = (float(value) for value in sums)
+    noise = state.noise
+    if spread >= 0:
+        low, high = _NOISE_RANGE
+        noise += 0.2 * (min(max(_SPREAD_TO_NOISE * spread, low), high) - noise)
+    many = max(known, 1.0)
+    learned = Atlas(picture, counts, atlas.offset)
+    return Learned(odds, shape, obj, learned, colours, noise, near, strange / many, total / many, int(known))
+
+
+def move(state: LayersState, image: Image, origin: tuple[int, int]) -> LayersState:
+    """State in another window, of which `image` is the frame just seen."""
+    dx, dy = origin[0] - state.origin[0], origin[1] - state.origin[1]
+    size = (image.shape[0], image.shape[1])
+    odds = shifted(state.odds, dx, dy, size, -3.0)
+    return state.replace(
+        origin=origin,
+        previous=image,
+        odds=odds,
+        shape=shifted(state.shape, dx, dy, size, 0.0),
+        obj=shifted(state.obj, dx, dy, size, 0.0),
+        distractor=shifted(state.distractor, dx, dy, size, 0),
+        visible=shifted(state.visible, dx, dy, size, 0),
+        atlas=ground.fill_new(ground.move(state.atlas, dx, dy, size), image, odds),
+    )
+
+
+def rescale(state: LayersState, step: int) -> LayersState:
+    """State on a lattice of another step: an object that has grown or shrunk keeps the cost of a frame bounded."""
+    ratio = state.step / step
+    h, w = (int(np.ceil(side * ratio)) for side in state.odds.shape)
+    origin = (round(state.origin[0] * ratio), round(state.origin[1] * ratio))
+    shift = [(old + 0.5) * ratio - 0.5 - new for old, new in zip(state.origin, origin, strict=True)]
+    matrix = np.array(((ratio, 0.0, shift[0]), (0.0, ratio, shift[1])))
+
+    def resample(array: NDArray[Any], flags: int = cv2.INTER_LINEAR) -> NDArray[Any]:
+        out = cv2.warpAffine(array, matrix, (w, h), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return np.ascontiguousarray(out).reshape(h, w, *array.shape[2:])
+
+    counts = np.stack([resample(plane, cv2.INTER_NEAREST) for plane in state.atlas.counts])
+    offset = (state.atlas.offset[0] * ratio, state.atlas.offset[1] * ratio)
+    x, y, box_w, box_h = (side * ratio for side in state.box)
+    return state.replace(
+        step=step,
+        origin=origin,
+        box=(x, y, box_w, box_h),
+        velocity=(state.velocity[0] * ratio, state.velocity[1] * ratio),
+        camera=(state.camera[0] * ratio, state.camera[1] * ratio),
+        odds=resample(state.odds),
+        shape=resample(state.shape),
+        obj=resample(state.obj),
+        distractor=resample(state.distractor, cv2.INTER_NEAREST),
+        visible=resample(state.visible, cv2.INTER_NEAREST),
+        atlas=Atlas(resample(state.atlas.image), counts, offset),
+        occlusion=state.occlusion.rescaled(ratio),
+    )
