@@ -6,6 +6,7 @@ A few hundred generated examples here; 10,000 of each test with ``HS_FUZZ=long``
 from __future__ import annotations
 
 import copy
+import functools
 import math
 import os
 import time
@@ -32,6 +33,9 @@ SLOWEST = 1.0
 NOWHERE = (0, 0, 0, 0)
 SHAPE = (48, 64)
 ROI = (13, 9, 18, 18)
+KINDS = [("uint8", 3), ("uint8", 1), ("uint16", 3), ("float32", 3), ("float64", 1)]
+"""Frames a video may have: dtype and channels."""
+
 Answer = tuple[bool, tuple[int, int, int, int]]
 
 DTYPES = (
@@ -237,20 +241,17 @@ def is_frame(thing: Any) -> bool:
     return good_type and (thing.ndim == 2 or thing.shape[2] in (1, 3, 4))
 
 
-@pytest.fixture(scope="module")
-def tracks() -> dict[tuple[str, int], TrackerHS]:
-    """Trackers in the middle of a track, by kind of frame; to be copied, not used."""
-    started = {}
-    for kind in [("uint8", 3), ("uint8", 1), ("uint16", 3), ("float32", 3), ("float64", 1)]:
-        frames, tracker = video(*kind), TrackerHS_create()
-        tracker.init(frames[0], ROI)
-        for frame in frames[1:5]:
-            tracker.update(frame)
-        started[kind] = tracker
-    return started
+@functools.cache
+def mid_track(kind: tuple[str, int]) -> TrackerHS:
+    """A tracker in the middle of a video of this kind of frame; to be copied, not used."""
+    frames, tracker = video(*kind), TrackerHS_create()
+    tracker.init(frames[0], ROI)
+    for frame in frames[1:5]:
+        tracker.update(frame)
+    return tracker
 
 
-@examples(300)
+@examples(200)
 @given(thing=anything())
 def test_init_takes_frames_and_refuses_all_else(thing: Any) -> None:
     """What is not a frame is an InputError and leaves the tracker uninitialised; every frame can be updated on."""
@@ -271,7 +272,7 @@ def test_init_takes_frames_and_refuses_all_else(thing: Any) -> None:
         assert box == NOWHERE or ok
 
 
-@examples(300)
+@examples(200)
 @given(roi=rois())
 def test_any_roi_starts_a_track_or_is_an_input_error(roi: Any) -> None:
     """No ROI ends in another exception; a refused one leaves nothing behind, a taken one lies in the frame."""
@@ -307,16 +308,11 @@ def test_rois_of_four_numbers_are_taken_exactly_when_enough_is_inside(roi: tuple
         assert not tracker.initialised
 
 
-@examples(300)
-@given(
-    thing=anything(),
-    kind=st.sampled_from([("uint8", 3), ("uint8", 1), ("uint16", 3), ("float32", 3), ("float64", 1)]),
-)
-def test_any_object_mid_track_is_answered_or_refused(
-    tracks: dict[tuple[str, int], TrackerHS], thing: Any, kind: tuple[str, int]
-) -> None:
+@examples(200)
+@given(thing=anything(), kind=st.sampled_from(KINDS))
+def test_any_object_mid_track_is_answered_or_refused(thing: Any, kind: tuple[str, int]) -> None:
     """What cannot be a frame of the video changes nothing; what can is answered, and the next good frame too."""
-    tracker, twin = copy.deepcopy(tracks[kind]), copy.deepcopy(tracks[kind])
+    tracker, twin = copy.deepcopy(mid_track(kind)), copy.deepcopy(mid_track(kind))
     good = video(*kind)[5:7]
     before = known(tracker)
     empty = thing is None or (isinstance(thing, np.ndarray) and thing.size == 0)

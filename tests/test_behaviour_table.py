@@ -1,0 +1,89 @@
+"""The column TrackerHS of the behaviour table in README, cell by cell, and the machine that measures it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+
+from benchmarks.behaviour import CASES, TRACKERS, isolated, markdown, probe
+
+GOOD = {
+    "`init` returns": "None",
+    "`update` returns": "(bool, int × 4)",
+    "ROI of floats": "ok",
+    "ROI as list, int array, NumPy ints": "ok",
+    "ROI of 3 or 5 numbers": "InputError",
+    "ROI `None`": "InputError",
+    "ROI of zero size (cancelled `selectROI`)": "InputError",
+    "ROI of negative size": "InputError",
+    "ROI of 2 × 2 px": "InputError",
+    "ROI fully outside": "InputError",
+    "ROI partly outside": "ok, then ok",
+    "`update` before `init`": "InputError",
+    "`update` after a failed `init`": "init: InputError, update: InputError",
+    "`init` again on the same object": "ok, then found",
+    "`update(None)`": "False, then found",
+    "`update` of an empty image": "False, then found",
+    "frame of another size": "InputError, then found",
+    "frame of other channels": "InputError, then found",
+    "one black frame": "False, then found",
+    "one random frame": "False, then found",
+    "gray (H, W)": "found",
+    "gray (H, W, 1)": "found",
+    "BGRA": "found",
+    "uint16": "found",
+    "float32, 0–1": "found",
+    "strided, read-only": "found",
+    "`cv2.UMat`": "found",
+    "`update` on the init frame": "(True, roi)",
+    "object vanishes for 10 frames": "False in 10 of 10, comes back: found",
+    "box when False": "(0, 0, 0, 0)",
+    "two runs equal": "yes",
+    "pickle mid-track": "yes",
+    "deepcopy mid-track": "yes",
+    "`getTrackingScore()`": "in [0, 1]",
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_trackerhs_does(case: str) -> None:
+    """Every probe of the table answers as README says."""
+    assert probe(case, "TrackerHS") == GOOD[case]
+
+
+def _answer() -> str:
+    return "fine"
+
+
+def _crash() -> str:
+    os.kill(os.getpid(), signal.SIGSEGV)
+    return "unreachable"
+
+
+def _hang() -> str:
+    time.sleep(60)
+    return "unreachable"
+
+
+def _leave() -> str:
+    os._exit(3)
+
+
+@pytest.mark.parametrize(
+    ("work", "outcome"),
+    [(_answer, "fine"), (_crash, "**segfault**"), (_hang, "**hangs**"), (_leave, "**exit 3**")],
+)
+def test_a_probe_that_dies_costs_one_cell(work: object, outcome: str) -> None:
+    """A process that answers, crashes, hangs or leaves is named as such."""
+    assert isolated(work, timeout=1.0 if work is _hang else 30.0) == outcome
+
+
+def test_the_table_is_markdown() -> None:
+    """One row a case, one column a tracker."""
+    table = {case: dict.fromkeys(TRACKERS, "x") for case in CASES}
+    lines = markdown(table).splitlines()
+    assert len(lines) == len(CASES) + 2
+    assert {line.count("|") for line in lines} == {len(TRACKERS) + 2}

@@ -1,0 +1,128 @@
+"""Trackers side by side: in threads, and in processes that were forked or spawned."""
+
+from __future__ import annotations
+
+import multiprocessing
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hs_tracker_cv import TrackerHS_create, TrackerHS_Params
+from tests.conftest import moving_square
+
+TRACKERS = 8
+PATIENCE = 120.0
+"""Seconds after which a child process counts as hanging; a spawned one imports everything anew."""
+
+Result = list[tuple[bool, tuple[int, int, int, int], float, Any]]
+Work = tuple[list[NDArray[np.uint8]], tuple[int, int, int, int], str]
+
+
+def work(number: int) -> Work:
+    """A video of its own for each tracker, and a mode."""
+    step = ((2, 1), (-1, 1), (1, 2), (0, 1))[number % 4]
+    frames, boxes = moving_square(np.random.default_rng(number), step=step, side=24 + 2 * number)
+    return frames, boxes[0], ("auto", "layers", "propagation", "auto")[number % 4]
+
+
+def follow(job: Work) -> Result:
+    """Everything a tracker says about a video, sub-pixel."""
+    frames, box, mode = job
+    tracker = TrackerHS_create(TrackerHS_Params(mode=mode))
+    tracker.init(frames[0], box)
+    return [(*tracker.update(frame), tracker.getTrackingScore(), tracker.box) for frame in frames[1:]]
+
+
+def into(sender: Any, job: Work) -> None:
+    """Body of a child process."""
+    sender.send(follow(job))
+
+
+def in_a_process(method: str, job: Work) -> Result:
+    """The answers of a tracker in a child process; a child that hangs or dies fails the test."""
+    context: Any = multiprocessing.get_context(method)
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=into, args=(sender, job), daemon=True)
+    with warnings.catch_warnings():
+        # Python 3.12 warns of forks of a process with threads, which is the case to be tested.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        process.start()
+    sender.close()
+    try:
+        assert receiver.poll(PATIENCE), f"the {method}ed process hangs"
+        result: Result = receiver.recv()
+        return result
+    finally:
+        process.kill()
+        process.join()
+
+
+def in_threads(calls: list[Callable[[], Any]]) -> list[Any]:
+    """Results of calls that start at the same moment, each in a thread of its own."""
+    barrier = Barrier(len(calls))
+
+    def run(call: Callable[[], Any]) -> Any:
+        barrier.wait(PATIENCE)
+        return call()
+
+    with ThreadPoolExecutor(len(calls)) as pool:
+        return list(pool.map(run, calls))
+
+
+def test_eight_threads_equal_eight_runs_in_sequence() -> None:
+    """Trackers share nothing: boxes, scores and sub-pixel boxes are the same bit by bit."""
+    jobs = [work(number) for number in range(TRACKERS)]
+    alone = [follow(job) for job in jobs]
+    assert in_threads([lambda job=job: follow(job) for job in jobs]) == alone
+
+
+def test_one_tracker_may_be_handed_from_thread_to_thread() -> None:
+    """A track started in one thread goes on in others as if nothing had happened."""
+    frames, box, mode = work(0)
+    tracker = TrackerHS_create(TrackerHS_Params(mode=mode))
+    tracker.init(frames[0], box)
+    answers = []
+    for frame in frames[1:]:
+        answer = in_threads([lambda frame=frame: tracker.update(frame)])[0]
+        answers.append((*answer, tracker.getTrackingScore(), tracker.box))
+    assert answers == follow(work(0))
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
+def test_child_processes_answer_as_the_parent_does(method: str) -> None:
+    """Tracking works in children of a parent that has tracked, with its threads, OpenCV's threads and kernels warm."""
+    if method not in multiprocessing.get_all_start_methods():
+        pytest.skip(f"{method} does not exist here")
+    job = work(3)
+    cv2.setNumThreads(2)
+    cv2.GaussianBlur(np.zeros((1500, 1500, 3), np.float32), (0, 0), 5.0)
+    here = in_threads([lambda: follow(job), lambda: follow(job)])
+    assert here[0] == here[1]
+    assert in_a_process(method, job) == here[0]
+    assert follow(job) == here[0]
+
+
+def test_a_track_may_go_on_in_another_process() -> None:
+    """A tracker sent to a pool mid-track comes back with its track."""
+    frames, box, _ = work(1)
+    expected = follow((frames, box, "auto"))
+    tracker = TrackerHS_create()
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        tracker = pool.apply(begun, (frames, box))
+    assert [(*tracker.update(frame), tracker.getTrackingScore(), tracker.box) for frame in frames[6:]] == expected[5:]
+
+
+def begun(frames: list[NDArray[np.uint8]], box: tuple[int, int, int, int]) -> Any:
+    """A tracker after six frames."""
+    tracker = TrackerHS_create()
+    tracker.init(frames[0], box)
+    for frame in frames[1:6]:
+        tracker.update(frame)
+    return tracker
