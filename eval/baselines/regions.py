@@ -12,6 +12,7 @@ __all__ = ["BoxFollower", "noise_threshold"]
 
 _GATE = 0.35  # how far, in box sizes, changed pixels may lie outside the predicted box
 _GATE_PIXELS = 6.0
+_INSIDE = 0.6  # of the size, from the centre: components centred within it are parts of the target
 _GROWTH = 0.12  # largest change of a side per frame
 _FILLED = 0.03  # least changed share of the box that counts as seen
 _PATIENCE = 40  # frames without change for which the box is held: a stopped object looks like that
@@ -76,12 +77,12 @@ class BoxFollower:
         rate = np.where(size > self.size, 0.4, 0.15)
         size = self.size + rate * (size - self.size)
         centre = (low + high) / 2
-        step = np.clip(centre - self.centre, -self.size, self.size)
+        step = np.clip(centre - self.centre, -0.6 * self.size, 0.6 * self.size)
         self._velocity = 0.6 * self._velocity + 0.4 * step
         self.centre, self.size = self.centre + 0.3 * self._velocity + 0.7 * step, size
 
     def _changed_near(self, mask: NDArray[np.uint8], predicted: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Edges of the changed components that lie mostly inside the gate round the predicted box."""
+        """Edges of the changed components that belong to the predicted box, of those inside the gate round it."""
         reach = self.size * (0.5 + _GATE) + _GATE_PIXELS + np.abs(self._velocity)
         limits = (mask.shape[1], mask.shape[0])
         left, top = np.clip(np.floor(predicted - reach), 0, limits).astype(int)
@@ -90,16 +91,27 @@ class BoxFollower:
         if part.size == 0:
             return None
         joined = _close(part, float(self.size.min()))
-        count, labels, stats, _ = cv2.connectedComponentsWithStats(joined)
-        least = max(4.0, 0.01 * float(self.size.prod()))
-        chosen = [label for label in range(1, count) if stats[label, cv2.CC_STAT_AREA] >= least]
-        changed = (part > 0) & np.isin(labels, chosen)
+        _, labels, stats, centres = cv2.connectedComponentsWithStats(joined)
+        changed = (part > 0) & np.isin(labels, self._chosen(stats, centres + (left, top) - predicted))
         if changed.sum() < _FILLED * self.size.prod():
             return None
         rows, columns = np.nonzero(changed)
         # The outermost hundredth is stray.
         (x0, x1), (y0, y1) = (np.percentile(indices, (1, 99)) for indices in (columns, rows))
         return np.array([left + x0, top + y0]), np.array([left + x1 + 1, top + y1 + 1])
+
+    def _chosen(self, stats: NDArray[np.int32], offsets: FloatArray) -> list[int]:
+        """Labels of the components whose centre lies in the predicted box, or the one nearest to it.
+
+        What only touches the box is a neighbour: taking it in would let the box grow without end.
+        """
+        large = stats[:, cv2.CC_STAT_AREA] >= max(4.0, 0.01 * float(self.size.prod()))
+        large[0] = False  # the background
+        inside = large & (np.abs(offsets) <= self.size * _INSIDE + 1.0).all(axis=1)
+        if inside.any() or not large.any():
+            return [int(label) for label in np.flatnonzero(inside)]
+        distance = np.where(large, np.hypot(*(offsets / self.size).T), np.inf)
+        return [int(np.argmin(distance))]
 
 
 def _close(mask: NDArray[np.uint8], side: float) -> NDArray[np.uint8]:
