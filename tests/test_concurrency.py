@@ -97,7 +97,7 @@ def test_one_tracker_may_be_handed_from_thread_to_thread() -> None:
 
 @pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
 def test_child_processes_answer_as_the_parent_does(method: str) -> None:
-    """Tracking works in children of a parent that has tracked, with its threads, OpenCV's threads and kernels warm."""
+    """Tracking works in children of a parent that has tracked in threads, with OpenCV's own threads at work."""
     if method not in multiprocessing.get_all_start_methods():
         pytest.skip(f"{method} does not exist here")
     job = work(3)
