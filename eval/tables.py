@@ -135,12 +135,17 @@ def format_cell(value: object, column: str = "") -> str:
 
 
 def overall_table(summary: Summary) -> pd.DataFrame:
-    """The main table as text, with headings; columns in which nothing is known are left out."""
+    """The main table as text, with headings; columns in which nothing is known are left out.
+
+    The number of sequences is told where it differs, as it does when a run was interrupted: then rows cannot be
+    compared.
+    """
     table = summary.overall
     low, high = table["low"], table["high"]
     interval = [f"{a:.3f}–{b:.3f}" if np.isfinite(a) else "–" for a, b in zip(low, high, strict=True)]
     table = table.assign(interval=interval)
-    kept = [name for name in (*_COLUMNS, *_COLUMNS_AFTER) if table[name].notna().any()]
+    counts = ["sequences"] if table["sequences"].nunique() > 1 else []
+    kept = [*counts, *(name for name in (*_COLUMNS, *_COLUMNS_AFTER) if table[name].notna().any())]
     texts = {name: [format_cell(value, name) for value in table[name]] for name in ("tracker", *kept)}
     titles = {name: metric.title for name, metric in METRICS.items()} | _EXTRA_TITLES
     return pd.DataFrame({titles[name]: column for name, column in texts.items()})
@@ -161,8 +166,9 @@ def speed_text(runs: list[SpeedRun]) -> pd.DataFrame:
 
 
 def attribute_table(summary: Summary) -> pd.DataFrame:
-    """Mean IoU per attribute as text."""
-    return _as_text(summary.attributes)
+    """Mean IoU per attribute as text, the best tracker first."""
+    best_first = [name for name in summary.overall["tracker"] if name in summary.attributes]
+    return _as_text(summary.attributes[["attribute", "sequences", *best_first]])
 
 
 def difference_table(summary: Summary) -> pd.DataFrame:

@@ -92,7 +92,8 @@ class BoxFollower:
             return None
         joined = _close(part, float(self.size.min()))
         _, labels, stats, centres = cv2.connectedComponentsWithStats(joined)
-        changed = (part > 0) & np.isin(labels, self._chosen(stats, centres + (left, top) - predicted))
+        offsets = np.asarray(centres, dtype=np.float64) - (predicted - (left, top))
+        changed = (part > 0) & np.isin(labels, self._chosen(np.asarray(stats, dtype=np.int32), offsets))
         if changed.sum() < _FILLED * self.size.prod():
             return None
         rows, columns = np.nonzero(changed)
