@@ -74,7 +74,7 @@ class Options:
         Stop after so many frames.
     """
 
-    video: Annotated[str, tyro.conf.Positional]
+    video: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")]
     roi: Annotated[str | None, tyro.conf.arg(metavar="X,Y,W,H")] = None
     select: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -97,7 +97,7 @@ class AppOptions:
         Do not open a browser window.
     """
 
-    video: Annotated[str, tyro.conf.Positional] = ""
+    video: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")] = ""
     port: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     no_show: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
 
@@ -299,13 +299,16 @@ def _progress() -> Progress:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+    console = Console(stderr=True)
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=console,
         transient=True,
+        # Into a log file it would write an empty line.
+        disable=not console.is_terminal,
     )
 
 

@@ -203,7 +203,7 @@ class MotionDetector:
         size = (max(round(after.width / step), 1), max(round(after.height / step), 1))
         planes = [_lattice(frame, size, self.params.smoothing) for frame in (before, after)]
         flow = self._motion(planes[0], planes[1])
-        fx, fy, ft = np.moveaxis(derivatives(planes[0], planes[1]), 2, 0)
+        fx, fy, ft = derivatives(planes[0], planes[1])
         mask = self._segment(planes[0], planes[1], flow, step)
         window = Box(0.0, 0.0, float(after.width), float(after.height))
         return DetectionFields(window, step, planes[0], planes[1], fx, fy, ft, flow, normal_flow(fx, fy, ft), mask)

@@ -1,0 +1,320 @@
+"""`hs-track`: what is written, what is said, and how it ends."""
+
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hs_tracker_cv import app, cli, video
+from hs_tracker_cv.geometry import Box, iou
+from hs_tracker_cv.video import VideoSink, open_source
+
+Image = NDArray[np.uint8]
+
+
+def _square(count: int = 10, still: int = 0) -> tuple[list[Image], list[Box]]:
+    """A textured square that stands still for some frames and then moves 2 px per frame."""
+    rng = np.random.default_rng(8)
+    ground = cv2.GaussianBlur(rng.integers(0, 255, (120, 160, 3), dtype=np.uint8), (0, 0), 4.0)
+    square = cv2.GaussianBlur(rng.integers(0, 255, (36, 36, 3), dtype=np.uint8), (0, 0), 1.2)
+    frames, boxes = [], []
+    for index in range(count):
+        frame, x = ground.copy(), 40 + 2 * max(index - still, 0)
+        frame[40:76, x : x + 36] = square
+        frames.append(frame)
+        boxes.append(Box(x, 40, 36, 36))
+    return frames, boxes
+
+
+def _write(path: Path, frames: list[Image]) -> Path:
+    with VideoSink(path, 20.0) as sink:
+        for frame in frames:
+            sink.write(frame)
+    return path
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def _box(row: dict[str, str]) -> Box:
+    return Box(*(float(row[name]) for name in ("x", "y", "w", "h")))
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_file_with_roi_gives_boxes_and_a_video(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every frame has a row with a box on the object, and the overlay video has as many frames."""
+    frames, boxes = _square()
+    _write(here / "in.mkv", frames)
+    assert cli.main(["in.mkv", "--roi", "40,40,36,36"]) == 0
+    rows = _rows(here / "in.hs.csv")
+    assert [int(row["frame"]) for row in rows] == list(range(10))
+    assert all(row["ok"] == "1" and 0.0 <= float(row["score"]) <= 1.0 for row in rows)
+    assert min(iou(_box(row), box) for row, box in zip(rows, boxes, strict=True)) > 0.7
+    assert len(list(open_source(here / "in.hs.webm").frames)) == 10
+    said = capsys.readouterr()
+    assert said.out.startswith("in: 10 frames, object in 10, ")
+    assert said.out.endswith("wrote in.hs.webm, in.hs.csv\n")
+    assert said.out.count("\n") == 1
+
+
+def test_without_roi_the_first_mover_is_followed(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Rows before the object moves say ok=0 with a zero box; after it, the boxes are the object's."""
+    frames, boxes = _square(12, still=4)
+    folder = here / "walk" / "img"
+    folder.mkdir(parents=True)
+    for index, frame in enumerate(frames):
+        cv2.imwrite(str(folder / f"{index}.png"), frame)
+    assert cli.main([str(folder)]) == 0
+    rows = _rows(here / "walk.hs.csv")
+    assert len(rows) == 12
+    found = [row["ok"] == "1" for row in rows]
+    start = found.index(True)
+    assert 5 <= start <= 8
+    assert all(found[start:])
+    assert all(_box(row) == Box(0, 0, 0, 0) for row in rows[:start])
+    assert min(iou(_box(row), box) for row, box in zip(rows[start:], boxes[start:], strict=True)) > 0.6
+    assert f"none yet in {start}" in capsys.readouterr().out
+
+
+def test_options_name_the_outputs_and_limit_the_frames(here: Path) -> None:
+    """--out, --csv and --max-frames are obeyed; an .mkv keeps the picture outside the drawing exactly."""
+    frames, _ = _square()
+    _write(here / "in.mkv", frames)
+    assert cli.main(["in.mkv", "--roi", "40,40,36,36", "--out", "o.mkv", "--csv", "b.csv", "--max-frames", "4"]) == 0
+    written = list(open_source(here / "o.mkv").frames)
+    assert len(written) == len(_rows(here / "b.csv")) == 4
+    np.testing.assert_array_equal(written[3][100:], frames[3][100:])
+    assert not np.array_equal(written[3][30:90, 30:100], frames[3][30:90, 30:100])
+    assert sorted(path.name for path in here.iterdir()) == ["b.csv", "in.mkv", "o.mkv"]
+
+
+def test_panels_are_a_video_of_their_own(here: Path) -> None:
+    """--panels writes one picture of all panels per frame beside the overlay video."""
+    _write(here / "in.mkv", _square(4)[0])
+    assert cli.main(["in.mkv", "--roi", "40,40,36,36", "--panels"]) == 0
+    panels = list(open_source(here / "in.hs.panels.webm").frames)
+    assert len(panels) == 4
+    assert panels[0].shape[1] > 1000
+    assert panels[3].std() > 10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["absent.avi"], 1, "absent.avi: cannot be read (No such file or directory)"),
+        (["text.avi"], 1, "text.avi: is not a video that OpenCV can open"),
+        (["97"], 1, "camera 97: cannot be opened"),
+        (["in.mkv", "--roi", "1,2,3"], 2, "expected --roi x,y,w,h in px, got '1,2,3'"),
+        (["in.mkv", "--roi", "a,b,c,d"], 2, "expected --roi x,y,w,h in px, got 'a,b,c,d'"),
+        (["in.mkv", "--roi", "0,0,0,0"], 2, "expected a boundingBox of at least 4 × 4 px"),
+        (["in.mkv", "--roi", "900,900,20,20"], 2, "inside the 160 × 120 frame"),
+        (["in.mkv", "--roi", "nan,0,9,9"], 2, "expected a finite boundingBox"),
+        (["in.mkv", "--roi", "1,2,30,30", "--select"], 2, "--roi and --select exclude each other"),
+        (["in.mkv", "--max-frames", "0"], 2, "expected --max-frames of at least 1, got 0"),
+        (["in.mkv", "--out", "in.mkv"], 2, "in.mkv: would overwrite the input"),
+        (["in.mkv", "--out", "a.mkv", "--csv", "a.mkv"], 2, "a.mkv: is named for two outputs"),
+        (["in.mkv", "--out", "o.mp4"], 1, "o.mp4: expected a name that ends in .webm, .mkv, .avi"),
+        (["in.mkv", "--out", "absent/o.webm"], 1, "absent/o.webm: cannot be written (No such file or directory)"),
+        (["in.mkv", "--frobnicate"], 2, "frobnicate"),
+        ([], 2, "VIDEO"),
+        (["in.mkv", "--max-frames", "many"], 2, "--max-frames"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_a_fault_is_one_line_and_a_code(
+    here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, message: str
+) -> None:
+    """Wrong commands end with 2, failing input and output with 1, each with a single line on stderr."""
+    _write(here / "in.mkv", _square(3)[0])
+    (here / "text.avi").write_text("no video\n" * 20)
+    assert cli.main(arguments) == code
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("hs-track: ")
+    assert message in lines[0]
+
+
+def test_a_truncated_video_keeps_the_boxes_so_far(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The frames that can be decoded are followed and written; then one line and exit code 1."""
+    data = _write(here / "whole.avi", _square(30)[0]).read_bytes()
+    (here / "half.avi").write_bytes(data[: len(data) // 2])
+    assert cli.main(["half.avi", "--roi", "40,40,36,36"]) == 1
+    rows = _rows(here / "half.hs.csv")
+    assert 5 < len(rows) < 25
+    assert all(row["ok"] == "1" for row in rows)
+    assert len(list(open_source(here / "half.hs.webm").frames)) == len(rows)
+    said = capsys.readouterr()
+    assert "half.avi: ends after" in said.err
+    assert "wrote half.hs.webm, half.hs.csv" in said.out
+
+
+def test_images_of_differing_sizes_keep_the_boxes_so_far(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The image that differs is named, the rows before it stay."""
+    (here / "set").mkdir()
+    frames, _ = _square(6)
+    for index, frame in enumerate(frames):
+        cv2.imwrite(str(here / "set" / f"{index}.png"), frame if index != 4 else frame[:100])
+    assert cli.main(["set", "--roi", "40,40,36,36"]) == 1
+    assert len(_rows(here / "set.hs.csv")) == 4
+    assert f"set{os.sep}4.png: is 160 × 100 px" in capsys.readouterr().err
+
+
+class _VanishingCamera:
+    """A camera that gives five frames and is gone."""
+
+    def __init__(self, number: int) -> None:
+        self.frames = iter(_square(5)[0])
+
+    def isOpened(self) -> bool:
+        return True
+
+    def read(self) -> tuple[bool, Any]:
+        frame = next(self.frames, None)
+        return frame is not None, frame
+
+    def get(self, prop: int) -> float:
+        return 30.0
+
+    def release(self) -> None:
+        pass
+
+
+def test_a_vanished_camera_keeps_the_boxes_so_far(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What the camera gave is followed and written; its loss is one line and exit code 1."""
+    monkeypatch.setattr(video.cv2, "VideoCapture", _VanishingCamera)
+    assert cli.main(["0", "--roi", "40,40,36,36"]) == 1
+    assert len(_rows(here / "camera0.hs.csv")) == 5
+    assert "camera 0: has stopped giving frames after 5" in capsys.readouterr().err
+
+
+def test_ctrl_c_finishes_the_files(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An interrupted run ends with 130, says so, and leaves complete files of what it did."""
+    _write(here / "in.mkv", _square()[0])
+    whole = cli.steps
+
+    def interrupted(*arguments: Any, **options: Any) -> Iterator[cli.Step]:
+        for step in whole(*arguments, **options):
+            yield step
+            if step.index == 2:
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "steps", interrupted)
+    assert cli.main(["in.mkv", "--roi", "40,40,36,36"]) == 130
+    assert len(_rows(here / "in.hs.csv")) == 3
+    assert len(list(open_source(here / "in.hs.webm").frames)) == 3
+    assert "(interrupted)" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_a_full_disk_is_one_line(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A CSV that cannot be written ends the run with exit code 1 and the reason."""
+    _write(here / "in.mkv", _square(3)[0])
+    assert cli.main(["in.mkv", "--roi", "40,40,36,36", "--csv", "/dev/full"]) == 1
+    assert "No space left on device" in capsys.readouterr().err
+
+
+class _LostTracker:
+    """A tracker that has lost its object after the first frame."""
+
+    initialised = False
+    state = "tracking"
+    box: Box | None = None
+
+    def init(self, image: Any, box: Box) -> None:
+        self.initialised, self.box = True, box
+
+    def update(self, image: Any) -> tuple[bool, tuple[int, int, int, int]]:
+        self.state = "lost"
+        return False, (0, 0, 0, 0)
+
+    def getTrackingScore(self) -> float:
+        return 0.0
+
+
+def test_a_lost_object_is_seen_and_counted(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Lost frames have a red border in the video, ok=0 and a zero box in the CSV, and are counted at the end."""
+    monkeypatch.setattr(cli, "TrackerHS", _LostTracker)
+    _write(here / "in.mkv", _square(3)[0])
+    assert cli.main(["in.mkv", "--roi", "40,40,36,36", "--out", "o.mkv"]) == 0
+    first, second, _ = open_source(here / "o.mkv").frames
+    blue, green, red = second[0].astype(int).mean(axis=0)
+    assert red > 200 > 100 > max(blue, green)
+    assert first[0, :, 2].mean() < 200
+    rows = _rows(here / "in.hs.csv")
+    assert [row["ok"] for row in rows] == ["1", "0", "0"]
+    assert _box(rows[1]) == Box(0, 0, 0, 0)
+    assert "lost in 2" in capsys.readouterr().out
+
+
+def test_select_follows_the_box_of_the_page(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """--select shows the first frame and starts in the box that comes back."""
+    frames, boxes = _square(4)
+    _write(here / "in.mkv", frames)
+    shown = []
+
+    def select_roi(frame: Image) -> Box:
+        shown.append(frame)
+        return Box(40, 40, 36, 36)
+
+    monkeypatch.setattr(app, "select_roi", select_roi)
+    assert cli.main(["in.mkv", "--select"]) == 0
+    np.testing.assert_array_equal(shown[0], frames[0])
+    assert iou(_box(_rows(here / "in.hs.csv")[3]), boxes[3]) > 0.7
+
+
+def test_select_without_an_answer_or_the_extra_says_so(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No selection ends with 2; no NiceGUI ends with 1 and says how to install it."""
+    _write(here / "in.mkv", _square(2)[0])
+    monkeypatch.setattr(app.importlib.util, "find_spec", lambda name: None)
+    assert cli.main(["in.mkv", "--select"]) == 1
+    assert capsys.readouterr().err == "hs-track: the page needs NiceGUI: pip install 'hs-tracker-cv[app]'\n"
+    monkeypatch.setattr(app, "select_roi", lambda frame: None)
+    assert cli.main(["in.mkv", "--select"]) == 2
+    assert capsys.readouterr().err == "hs-track: no box was selected\n"
+
+
+def test_warmup_and_module_run(tmp_path: Path) -> None:
+    """`python -m hs_tracker_cv warmup` compiles, says so, and writes nothing into the working directory."""
+    command = [sys.executable, "-m", "hs_tracker_cv", "warmup"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=300)
+    assert done.stdout.startswith("hs-track: kernels ready after ")
+    assert done.stderr == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.real
+def test_the_car_on_a_real_road_is_followed(real: Path, here: Path) -> None:
+    """From the annotated first box, the boxes of the CSV overlap the annotated car."""
+    folder = real / "cdnet_highway_521"
+    truth = np.loadtxt(folder / "groundtruth_rect.txt", delimiter=",")[:60]
+    x, y, w, h = truth[0]
+    assert cli.main([str(folder / "img"), "--roi", f"{x - 1},{y - 1},{w},{h}", "--max-frames", "60"]) == 0
+    rows = _rows(here / "cdnet_highway_521.hs.csv")
+    overlaps = [iou(_box(row), Box(x - 1, y - 1, w, h)) for row, (x, y, w, h) in zip(rows, truth, strict=True)]
+    assert np.mean(overlaps) > 0.6
