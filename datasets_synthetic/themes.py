@@ -7,6 +7,7 @@ and makes it difficult in one way.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -30,6 +31,11 @@ _BACKGROUNDS: tuple[tuple[str, tuple[float, float, float] | None], ...] = (
     ("chelsea", None),
     ("page", None),
     ("speckle", None),
+)
+_STREETS: tuple[tuple[str, tuple[float, float, float]], ...] = (
+    ("brick", (80.0, 98.0, 138.0)),
+    ("grass", (66.0, 120.0, 100.0)),
+    ("speckle", (98.0, 96.0, 94.0)),
 )
 _SKINS = ("patches", "stripes", "dots", "clouds", "speckle", "checker", "astronaut", "chelsea", "coffee")
 _SHAPES = ("ellipse", "box", "polygon", "blob", "gear")
@@ -299,6 +305,56 @@ def _everything(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
     return _about(replace(spec, effects=(*spec.effects, Effect("jpeg", float(rng.integers(40, 70))))), "jpeg", "blur")
 
 
+def _street(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
+    """Hand-held, slightly hazy, compressed; before a wall, a lawn or tarmac."""
+    kind, colour = _STREETS[int(rng.integers(len(_STREETS)))]
+    scene = replace(spec.scene, background=Texture(kind, _uniform(rng, 0.7, 1.0), colour, seed=_seed(rng)))
+    effects = (Effect("haze", _uniform(rng, 0.1, 0.35)), *spec.effects, Effect("jpeg", float(rng.integers(30, 60))))
+    camera = Camera(jitter=_uniform(rng, 0.3, 0.8), shutter=0.4)
+    return _about(replace(spec, scene=scene, camera=camera, effects=effects), "jpeg", "jitter", "blur", "shadow")
+
+
+def _street_walker(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
+    """Person on a street, whom another passes the other way."""
+    spec = _walker(spec, rng)
+    person = replace(spec.target, shadow=Shadow((6.0, 5.0), 0.4, 3.0))
+    path = person.motion.path
+    back = Path("line", (path.end[0], path.end[1] - 14.0), (path.start[0], path.start[1] - 14.0))
+    motion = replace(person.motion, path=back)
+    texture = replace(person.texture, colour=(_uniform(rng, 50, 190), _uniform(rng, 50, 190), _uniform(rng, 50, 190)))
+    other = replace(person, motion=motion, texture=texture, mirror=not person.mirror, seed=_seed(rng))
+    spec = replace(spec, target=person, scene=replace(spec.scene, behind=(other,)))
+    return _about(_street(spec, rng), "distractor")
+
+
+def _street_car(spec: SequenceSpec, rng: np.random.Generator) -> SequenceSpec:
+    """Car that drives past a lamp-post."""
+    height = _uniform(rng, 28, 44)
+    path = spec.target.motion.path
+    y = _uniform(rng, 110, 170)
+    rightwards = path.start[0] < path.end[0]
+    xs = (64.0, 256.0) if rightwards else (256.0, 64.0)
+    colour = (_uniform(rng, 40, 200), _uniform(rng, 40, 200), _uniform(rng, 40, 200))
+    target = Actor(
+        "car",
+        (round(2.4 * height, 2), height),
+        Texture("speckle", 0.5, colour, seed=_seed(rng)),
+        # Wheels of 0.22 of the height in radius that roll and do not slip.
+        Motion(Path("line", (xs[0], y), (xs[1], y)), gait=round(192.0 / 89.0 / (2.0 * math.pi * 0.22 * height), 4)),
+        surface=(Effect("shade", 0.15), Effect("glint", _uniform(rng, 50, 110), 2.0)),
+        shadow=Shadow((-2.0, 6.0), 0.45, 2.0),
+        mirror=not rightwards,
+    )
+    post = Actor(
+        "bar",
+        (_uniform(rng, 7, 12), 260.0),
+        Texture("speckle", 0.6, (70.0, 72.0, 74.0), seed=_seed(rng)),
+        Motion(Path("hold", (_uniform(rng, 130, 190), 120.0))),
+    )
+    spec = replace(spec, target=target, scene=replace(spec.scene, front=(post,)))
+    return _about(_street(spec, rng), "glint", "occlusion")
+
+
 def _hiding(spec: SequenceSpec, rng: np.random.Generator, *attributes: str) -> SequenceSpec:
     """Small thing in a longer sequence, so that there is time to be away and to come back."""
     side = _uniform(rng, 36, 46)
@@ -399,6 +455,8 @@ THEMES: dict[str, Recipe] = {
     "gray": _gray,
     "walker": _walker,
     "everything": _everything,
+    "street_walker": _street_walker,
+    "street_car": _street_car,
 }
 
 VANISHING: dict[str, Recipe] = {
