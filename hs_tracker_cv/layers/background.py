@@ -15,7 +15,7 @@ from .window import shifted
 
 __all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "shift", "stray"]
 
-_PIXELS = 1500
+_PIXELS = 1000
 _FEWEST = 60  # fewer pixels say nothing about the camera
 
 
@@ -51,7 +51,12 @@ def _medians(
 
 
 def register(
-    atlas: Atlas, image: Image, weight: Plane, camera: tuple[float, float], noise: float, inside: NDArray[np.int64]
+    atlas: Atlas,
+    image: Image,
+    near: NDArray[np.uint8],
+    camera: tuple[float, float],
+    noise: float,
+    inside: NDArray[np.int64],
 ) -> Background:
     """Find where the atlas lies in this frame, and its brightness; move it there by whole pixels.
 
@@ -61,8 +66,9 @@ def register(
     h, w, _ = image.shape
     picture = atlas.image
     grid = np.array((w / 2, h / 2, max(h, w) / 2))
-    used = weight * (atlas.counts[0] >= KNOWN)
-    stride = max(1, round(float(np.count_nonzero(used)) / _PIXELS))
+    outside = (near == 0) & (atlas.counts[0] >= KNOWN)
+    used = outside.astype(np.float32)
+    stride = max(1, round(np.count_nonzero(outside) / _PIXELS))
     nothing = np.zeros(8)
     prior = np.full(8, 1e6)
     prior[[0, 3]] = 0.02 * noise * noise
@@ -117,7 +123,7 @@ def fill_new(atlas: Atlas, image: Image, odds: Plane) -> Atlas:
     if not new.any():
         return atlas
     picture, counts = atlas.image.copy(), atlas.counts.copy()
-    picture[new] = image[new]
+    cv2.copyTo(image, new.view(np.uint8), picture)
     counts[0][new] = np.where(odds[new] < -1.0, KNOWN, 0)
     return Atlas(picture, counts, atlas.offset)
 

@@ -24,6 +24,7 @@ __all__ = [
     "local_products",
     "median_flow",
     "search_shift",
+    "start_flow",
 ]
 
 # Nothing here may be NaN: frames.crop has removed what is not finite. 'nnan' and 'ninf' stay off all the same.
@@ -266,6 +267,22 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
+def start_flow(near, grid, theta, camera, out):
+    """Flow to start from, into out (h, w, 2): the affine motion where `near` is set, the camera's elsewhere."""
+    h, w = near.shape
+    for y in range(h):
+        yy = (y - grid[1]) / grid[2]
+        for x in range(w):
+            if near[y, x] != 0:
+                xx = (x - grid[0]) / grid[2]
+                out[y, x, 0] = theta[0] + theta[1] * xx + theta[2] * yy
+                out[y, x, 1] = theta[3] + theta[4] * xx + theta[5] * yy
+            else:
+                out[y, x, 0] = camera[0]
+                out[y, x, 1] = camera[1]
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def median_flow(flow, near, about, sample, out):
     """Medians outside `near`, every fourth pixel of every fourth row: u, v and |flow − about| into out[0..2].
 
@@ -350,14 +367,15 @@ def local_products(image, background, obj, out):
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)
-def evidence(image, background, moved, obj, warped, seen, products, noise, knobs, inside, out):
+def evidence(image, background, moved, obj, warped, counts, products, noise, knobs, inside, out, fresh):
     """Log-likelihood ratio, object against background, per pixel.
 
     Parameters are windows: current image, background layer, previous image moved by the camera, object layer and
-    log-odds warped by the object's motion, samples in the background, filtered products.
+    log-odds warped by the object's motion, the background's counts, filtered products.
     knobs = (tau_b², tau_o², κ, motion contrast, occluded).
     out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] the same without
-    gain or previous image, out[3] local gain of the background, out[4] error against the previous image.
+    gain or previous image, out[3] local gain of the background, out[4] error against the previous image where
+    the background is not yet known. `fresh` is 1 where something new covers a background that was seen a moment ago.
     """
     h, w, channels = image.shape
     tau_b, tau_o, kappa, contrast, occluded = knobs[0], knobs[1], knobs[2], knobs[3], knobs[4]
@@ -367,6 +385,7 @@ def evidence(image, background, moved, obj, warped, seen, products, noise, knobs
     for y in range(h):
         ym, yp = max(y - 1, 0), min(y + 1, h - 1)
         for x in range(w):
+            fresh[y, x] = 0
             if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
                 out[0, y, x] = -2.0
                 out[1, y, x] = 0.0
@@ -375,51 +394,62 @@ def evidence(image, background, moved, obj, warped, seen, products, noise, knobs
                 out[4, y, x] = 0.0
                 continue
             xm, xp = max(x - 1, 0), min(x + 1, w - 1)
-            n = seen[y, x]
+            n = counts[0, y, x]
+            s = warped[y, x]
             gain_b = (products[y, x, 0] + np.float32(50.0)) / (products[y, x, 1] + np.float32(50.0))
             gain_b = min(max(gain_b, np.float32(0.35)), np.float32(2.5))
-            gain_o = (products[y, x, 2] + np.float32(50.0)) / (products[y, x, 3] + np.float32(50.0))
-            gain_o = min(max(gain_o, np.float32(0.6)), np.float32(1.7))
-            grad_b, grad_o, b2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-            eb, egb, em, eo, ego = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            grad_b, b2, eb, egb = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
             for c in range(channels):
-                i, b, o = image[y, x, c], background[y, x, c], obj[y, x, c]
+                i, b = image[y, x, c], background[y, x, c]
                 gx = background[y, xp, c] - background[y, xm, c]
                 gy = background[yp, x, c] - background[ym, x, c]
                 grad_b += gx * gx + gy * gy
-                gx = obj[y, xp, c] - obj[y, xm, c]
-                gy = obj[yp, x, c] - obj[ym, x, c]
-                grad_o += gx * gx + gy * gy
                 b2 += b * b
                 e = i - b
                 eb += e * e
                 e = i - gain_b * b
                 egb += e * e
+            # the factor ¼ makes (difference over two pixels)² the gradient squared; κ/s² of the channel mean
+            grad_b *= mean / four
+            var_b = noise2 * (one + one / max(n, one)) + tau_b * grad_b
+            unit = kappa * mean / var_b
+            direct = eb * unit
+            out[2, y, x] = direct
+            out[3, y, x] = gain_b
+            out[4, y, x] = 0.0
+            if s < -2.5 and n >= KNOWN and direct < 2.0:  # far from the object and as ever: nothing more to weigh
+                out[0, y, x] = half * (direct - np.float32(5.0))
+                out[1, y, x] = direct
+                continue
+            gain_o = (products[y, x, 2] + np.float32(50.0)) / (products[y, x, 3] + np.float32(50.0))
+            gain_o = min(max(gain_o, np.float32(0.6)), np.float32(1.7))
+            grad_o, em, eo, ego = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            for c in range(channels):
+                i, o = image[y, x, c], obj[y, x, c]
+                gx = obj[y, xp, c] - obj[y, xm, c]
+                gy = obj[yp, x, c] - obj[ym, x, c]
+                grad_o += gx * gx + gy * gy
                 e = i - moved[y, x, c]
                 em += e * e
                 e = i - o
                 eo += e * e
                 e = i - gain_o * o
                 ego += e * e
-            # the factor ¼ makes (difference over two pixels)² the gradient squared; κ/s² of the channel mean
-            var_b = noise2 * (one + one / max(n, one)) + tau_b * grad_b * mean / four
             var_o = np.float32(1.5) * noise2 + tau_o * grad_o * mean / four
-            unit = kappa * mean / var_b
-            direct = eb * unit
             error_b = direct
             if gain_b < np.float32(0.97):
                 # a shadow leaves the texture: where there is some, to be explained that way is no accident
-                error_b = min(error_b, egb * unit + np.float32(2.0) / (one + grad_b * mean / (four * noise2)))
+                error_b = min(error_b, egb * unit + np.float32(2.0) / (one + grad_b / noise2))
             elif gain_b > np.float32(1.03):
                 lifted = kappa * mean / (var_b + np.float32(0.0025) * b2 * mean)
                 error_b = min(error_b, egb * lifted + np.float32(3.0))
-            still = em * kappa * mean / (np.float32(2.0) * noise2 + tau_b * grad_b * mean / four)
             if n < KNOWN:
+                still = em * kappa * mean / (np.float32(2.0) * noise2 + tau_b * grad_b)
+                out[4, y, x] = still
                 error_b = min(error_b, still)
-            s = warped[y, x]
             error_o = min(eo, ego + var_o / (kappa * mean)) * kappa * mean / var_o
             if s < -half:
-                error_o = np.float32(5.0)
+                error_o = np.float32(5.0)  # its appearance there is unknown
             ceiling = np.float32(9.0) if n >= KNOWN else four
             ll = half * (min(error_b, ceiling) - min(error_o, np.float32(5.0)))
             if n >= KNOWN and error_b < four:
@@ -428,11 +458,10 @@ def evidence(image, background, moved, obj, warped, seen, products, noise, knobs
                 ll *= contrast
             if occluded > 0.0 and n > KNOWN and error_b < 2.0:
                 ll = min(ll, np.float32(-1.5))
+            if error_b >= 7.2 and n > KNOWN and counts[2, y, x] <= 4.0:
+                fresh[y, x] = 1
             out[0, y, x] = ll
             out[1, y, x] = error_b
-            out[2, y, x] = direct
-            out[3, y, x] = gain_b
-            out[4, y, x] = still
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)

@@ -85,30 +85,38 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
     )
 
 
-def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Moves) -> NDArray[np.float32]:
-    """Evidence per pixel, shape (5, h, w); see `kernels.evidence`."""
+def weigh(
+    state: LayersState, view: View, expected: Expected, moves: motion.Moves
+) -> tuple[NDArray[np.float32], masks.Mask]:
+    """Evidence per pixel, (5, h, w), and where something is new; see `kernels.evidence`."""
     h, w, channels = view.image.shape
     products = np.empty((h, w, 4), np.float32)
     local_products(view.image, expected.background, expected.obj, products)
     products = np.asarray(cv2.blur(products, (5, 5)), dtype=np.float32)
-    errors = np.empty((5, h, w), np.float32)
+    errors, fresh = np.empty((5, h, w), np.float32), np.empty((h, w), np.uint8)
     tau = _TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else _TAU_FRACTION
     kappa = _KAPPA_COLOUR if channels == 3 else 1.0
     occluded = float(state.occlusion.occluded)
     knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded), np.float32)
     evidence(
-        view.image, expected.background, expected.moved, expected.obj, expected.odds, expected.seen, products,
-        np.float32(state.noise), knobs, view.inside, errors,
+        view.image, expected.background, expected.moved, expected.obj, expected.odds,
+        moves.atlas.counts, products,
+        np.float32(state.noise), knobs, view.inside, errors, fresh,
     )  # fmt: skip
-    return errors
+    return errors, fresh
 
 
 def assign(
-    state: LayersState, view: View, expected: Expected, errors: NDArray[np.float32], age: Plane, params: LayersParams
+    state: LayersState,
+    view: View,
+    expected: Expected,
+    evidence_: tuple[NDArray[np.float32], masks.Mask],
+    params: LayersParams,
 ) -> Labels:
-    """Mask of the object from the evidence; errors[0] is changed where the object grows or something else arrives."""
+    """Mask of the object from the evidence; the ratio is changed where the object grows or something else arrives."""
     h, w = view.gray.shape
-    grown, distractor = masks.grow(errors[1], expected.seen, age, expected.odds, state.distractor, state.count)
+    errors, fresh = evidence_
+    grown, distractor = masks.grow(fresh, expected.odds, state.distractor, state.count)
     ratio, trust = colour.likelihood(state.colours, params.colour_weight)
     bins = np.empty((h, w), np.int16)
     raw = np.empty((h, w), np.float32)

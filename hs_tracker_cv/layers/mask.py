@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Box
-from .kernels import KNOWN, alpha_edge
+from .kernels import alpha_edge
 from .state import Image, Plane
 
 __all__ = ["Mask", "box_of", "component", "dilate", "grow", "refine_edge"]
@@ -26,21 +26,20 @@ def dilate(mask: Mask, side: int) -> Mask:
     return np.asarray(cv2.dilate(mask, _square(side)), dtype=np.uint8)
 
 
-def grow(error: Plane, seen: Plane, age: Plane, warped: Plane, distractor: Mask, count: int) -> tuple[Mask, Mask]:
+def grow(fresh: Mask, warped: Plane, distractor: Mask, count: int) -> tuple[Mask, Mask]:
     """Where the object has grown and where something else has arrived.
 
-    Only pixels that matched the background a moment ago count: this excludes ghosts and lifted shadows.
+    Only what covers a background seen a moment ago (`fresh`) counts: this excludes ghosts and lifted shadows.
 
     Returns
     -------
     grown : 1 where the object has grown, 2 on a distractor
     distractor : its pixels, remembered for the next frame
     """
-    new = ((error >= 7.2) & (seen > KNOWN) & (age <= 4.0)).view(np.uint8)
     obj = (warped > 0).view(np.uint8)
     grown = np.zeros_like(obj)
     area = int(np.count_nonzero(obj))
-    new = np.asarray(cv2.medianBlur(new, 3), dtype=np.uint8)
+    new = np.asarray(cv2.medianBlur(fresh, 3), dtype=np.uint8)
     if area == 0 or not new.any():
         return grown, np.zeros_like(obj)
     apart = new & (1 - obj)

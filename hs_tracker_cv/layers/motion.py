@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import background as ground
-from .kernels import fit_affine, gauss_newton
+from .kernels import fit_affine, gauss_newton, start_flow
 from .mask import dilate
 from .state import Atlas, Image, LayersParams, LayersState, Plane
 from .window import View
@@ -104,8 +104,7 @@ def _ground(
     state: LayersState, view: View, flow: NDArray[np.float32], near: NDArray[np.uint8]
 ) -> tuple[Atlas, tuple[float, float]]:
     camera = ground.camera_from_flow(flow, near, state.camera)
-    outside = (near == 0).astype(np.float32)
-    registered = ground.register(state.atlas, view.image, outside, camera, state.noise, view.inside)
+    registered = ground.register(state.atlas, view.image, near, camera, state.noise, view.inside)
     return ground.fill_new(registered.atlas, view.image, state.odds), registered.camera
 
 
@@ -235,13 +234,7 @@ def _dense_flow(
     levels = int(min(max(1 + np.floor(np.log2(side / 10.0)), 1), 3))
     h, w = view.gray.shape
     start = np.empty((h, w, 2), np.float32)
-    start[:] = state.camera
-    x = (np.arange(w, dtype=np.float32) - np.float32(grid.cx)) / np.float32(grid.scale)
-    y = ((np.arange(h, dtype=np.float32) - np.float32(grid.cy)) / np.float32(grid.scale))[:, np.newaxis]
-    field = np.empty_like(start)
-    field[:, :, 0] = theta[0] + theta[1] * x + theta[2] * y
-    field[:, :, 1] = theta[3] + theta[4] * x + theta[5] * y
-    cv2.copyTo(field, near, start)
+    start_flow(near, grid.triple, theta, np.array(state.camera), start)
     flow: NDArray[np.float32] = _solver(levels, params).calc(view.previous, view.gray, start)
     return flow
 

@@ -110,13 +110,13 @@ def step(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
     view = look(state, frame)
     moves = motion.find(state, view, params)
     expected = labelling.expect(state, view, moves)
-    errors = labelling.weigh(state, view, expected, moves)
+    evidence = labelling.weigh(state, view, expected, moves)
     if state.occlusion.occluded or state.occlusion.coasting:
-        shift = _search(state, view, expected, errors)
+        shift = _search(state, view, expected, evidence[0])
         if shift != (0, 0):
             expected, moves = labelling.displace(expected, shift), motion.displace(moves, shift)
-            errors = labelling.weigh(state, view, expected, moves)
-    labels = labelling.assign(state, view, expected, errors, moves.atlas.counts[2], params)
+            evidence = labelling.weigh(state, view, expected, moves)
+    labels = labelling.assign(state, view, expected, evidence, params)
     outcome = _judge(state, view, moves, expected, labels, params)
     hidden = outcome.occlusion.occluded or outcome.occlusion.coasting > 0
     learned = memory.learn_frame(
@@ -155,7 +155,7 @@ def watch(state: LayersState, frame: Frame, box: Box, params: LayersParams) -> L
     mask = (seed.odds > 0).view(np.uint8)
     moves = motion.follow(state, view, mask, (speed[0], speed[1]), params)
     expected = labelling.expect_nothing(state, view, moves, seed.odds)
-    errors = labelling.weigh(state, view, expected, moves)
+    errors, _ = labelling.weigh(state, view, expected, moves)
     labels = Labels(mask, seed.odds, seed.odds, errors, np.zeros_like(mask), seed.bins)
     learned = memory.learn_frame(state, view, moves, expected, labels, hidden=False, suspected=False)
     learned = learned._replace(odds=seed.odds, shape=seed.shape, obj=view.image, colours=seed.colours)
