@@ -442,7 +442,8 @@ def _mask_picture(fields: FlowFields, box: Box | None, state: str, size: tuple[i
             fields.mask.astype(np.uint8), (picture.shape[1], picture.shape[0]), interpolation=cv2.INTER_NEAREST
         )
         lit = _fit(_gray_to_bgr(fields.current), size)
-        picture[large > 0] = lit[large > 0]
+        tinted = cv2.addWeighted(lit, 0.75, np.full_like(lit, WINDOW), 0.25, 0.0)
+        picture[large > 0] = tinted[large > 0]
         edges, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         cv2.drawContours(picture, edges, -1, WINDOW, 1, cv2.LINE_AA)
     if box is not None:

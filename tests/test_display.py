@@ -132,7 +132,7 @@ def test_still_fields_give_neutral_panels() -> None:
 
 
 def test_mask_panel_lights_the_mask() -> None:
-    """Inside the mask the window keeps its brightness, outside it is darkened."""
+    """Inside the mask the window keeps its brightness and takes a tint, outside it is darkened."""
     bright = np.full((30, 40), 200, np.float32)
     zero, none = np.zeros((30, 40), np.float32), np.zeros((30, 40, 2), np.float32)
     mask = np.zeros((30, 40), bool)
@@ -141,5 +141,5 @@ def test_mask_panel_lights_the_mask() -> None:
     picture = render_panels(np.zeros((120, 160, 3), np.uint8), fields, None)
     row, quarter = picture.shape[0] * 3 // 4, picture.shape[1] // 4
     left, right = picture[row, 3 * quarter + quarter // 5, 0], picture[row, 3 * quarter + quarter * 4 // 5, 0]
-    assert left == 200
+    assert left > 190
     assert right < 120
