@@ -204,18 +204,7 @@ class HornSchunck:
             out[...] = start
         frame0, frame1 = first[:, :, np.newaxis], second[:, :, np.newaxis]
         params = self.params
-        if params.mode == "classic":
-            memory = self._reserve(kernels.FLOW_PLANES * (height + 4) * (width + 4))
-            kernels.jacobi(
-                frame0,
-                frame1,
-                out,
-                memory,
-                params.derivative == "five-tap",
-                params.iterations,
-                np.float32(params.smoothness),
-            )
-        elif params.mode == "solve":
+        if params.mode == "solve":
             memory = self._reserve(multigrid.plan(height, width).memory)
             multigrid.solve(frame0, frame1, out, started, params, memory)
         else:

@@ -5,7 +5,7 @@ cutting array views would cost more to compile than all the arithmetic, and time
 pixels with a ring of two pixels round them: pixel (y, x) is element (y + 2) (w + 4) + x + 2. The ring, filled by
 :func:`pad` or :func:`edge`, lets each loop run without a branch at the border. Indices are unsigned, since Numba
 then leaves out Python's wrap-around of negative ones, which keeps loops from being vectorised; so every constant
-that meets an index is a uint64 as well.
+that meets an index is a uint64 as well. Literals as arguments would have a function compiled once more for each.
 
 Symbols are those of Horn & Schunck (1981, doi:10.1016/0004-3702(81)90024-2): derivatives F_x, F_y, F_t, flow (u, v).
 """
@@ -29,7 +29,6 @@ __all__ = [
     "SOLVE_PLANES",
     "coarse_to_fine",
     "full_multigrid",
-    "jacobi",
     "write_derivatives",
 ]
 
@@ -40,8 +39,9 @@ THREE = np.uint64(3)
 FOUR = np.uint64(4)
 FIVE = np.uint64(5)
 NINE = np.uint64(9)
+NO = np.bool_(False)
 
-CHUNK = 8
+CHUNK = np.uint64(8)
 """Chebyshev sweeps between two looks at the residual."""
 
 RADIUS = np.float32(0.97)
@@ -66,7 +66,7 @@ OUTER: dict[str, Any] = {
 }
 
 FLOW_PLANES = 9
-"""Full-size planes that :func:`coarse_to_fine` and :func:`jacobi` need, beside the pyramid and two rows."""
+"""Full-size planes that :func:`coarse_to_fine` needs, beside the pyramid and two rows."""
 
 SOLVE_PLANES = 12
 """Full-size planes that :func:`full_multigrid` needs (the twelfth for one row)."""
@@ -259,7 +259,7 @@ def sweeps(m, u, v, un, vn, gx, gy, gt, iterations, rho, h, w):
         sweep(m, u, v, un, vn, gx, gy, gt, one - omega, omega * (one - relax), omega * relax, h, w)
         u, un = un, u
         v, vn = vn, v
-        if i == 0:
+        if i == ZERO:
             omega = one / (one - quarter - quarter)
         else:
             omega = one / (one - quarter * omega)
@@ -353,9 +353,10 @@ def bicubic_at(typing_context: Any, m: Any, k: Any, stride: Any, tx: Any, ty: An
 
 
 @njit(**INNER)
-def warp(m, a, b, u, v, warped, mask, h, w):
-    """Sample plane `b` at (x + u, y + v), bicubic; outside the frame take `a` and mask 0."""
+def warp(m, b, u, v, warped, mask, h, w):
+    """Sample plane `b` at (x + u, y + v), bicubic; outside the frame take its border and mask 0."""
     zero = np.float32(0.0)
+    one = np.float32(1.0)
     s = w + FOUR
     right = np.float32(w - ONE)
     bottom = np.float32(h - ONE)
@@ -364,15 +365,13 @@ def warp(m, a, b, u, v, warped, mask, h, w):
         for x in range(w):
             px = np.float32(x) + m[u + k + x]
             py = np.float32(y) + m[v + k + x]
-            if px >= zero and px <= right and py >= zero and py <= bottom:
-                j = np.int64(px)
-                i = np.int64(py)
-                first = b + (np.uint64(i) + ONE) * s + np.uint64(j) + ONE
-                m[warped + k + x] = bicubic_at(m, first, s, px - np.float32(j), py - np.float32(i))
-                m[mask + k + x] = np.float32(1.0)
-            else:
-                m[warped + k + x] = m[a + k + x]
-                m[mask + k + x] = zero
+            m[mask + k + x] = one if px >= zero and px <= right and py >= zero and py <= bottom else zero
+            px = min(px if px > zero else zero, right)
+            py = min(py if py > zero else zero, bottom)
+            j = np.int64(px)
+            i = np.int64(py)
+            first = b + (np.uint64(i) + ONE) * s + np.uint64(j) + ONE
+            m[warped + k + x] = bicubic_at(m, first, s, px - np.float32(j), py - np.float32(i))
     pad(m, warped, h, w)
 
 
@@ -432,7 +431,7 @@ def median_filter(m, a, b, size, h, w):
     d = b - a
     for y in range(TWO, h + TWO):
         row = a + y * s + TWO
-        if size == 3:
+        if size == THREE:
             for k in range(row, row + w):
                 m[k + d] = median_3x3_at(m, k, s)
         else:
@@ -443,12 +442,33 @@ def median_filter(m, a, b, size, h, w):
 
 @njit(**OUTER)
 def coarse_to_fine(
-    frame0, frame1, flow, started, sizes, m, five, warps, iterations, median, lam, outlier, p0, p1, p2, c0, c1, c2
-):  # fmt: skip
+    frame0,
+    frame1,
+    flow,
+    started,
+    sizes,
+    m,
+    plain,
+    five,
+    warps,
+    iterations,
+    rho,
+    median,
+    lam,
+    outlier,
+    p0,
+    p1,
+    p2,
+    c0,
+    c1,
+    c2,
+):
     """Estimate the flow level by level, the coarsest first; `flow` holds the start field and takes the result.
 
     `sizes` is (levels, 2): height and width of each level, the finest first. With a start field each level warps
     by its reduced copy plus the increment found so far, so its detail is not lost on the way through the levels.
+
+    `plain`: the paper's own method on one level: nothing is warped, and the data term stays linearised about zero.
     """
     zero = np.float32(0.0)
     one = np.float32(1.0)
@@ -514,13 +534,24 @@ def coarse_to_fine(
             add(m, u, pyramid + TWO * size, one, h, w)
             add(m, v, pyramid + THREE * size, one, h, w)
         for _ in range(warps):
-            warp(m, pyramid, pyramid + size, u, v, warped, mask, h, w)
-            differentiate(m, pyramid, warped, fx, fy, ft, five, h, w)
-            normalise(m, fx, fy, ft, mask, u, v, lam, outlier, h, w)
-            sweeps(m, u, v, un, vn, fx, fy, ft, iterations, RADIUS, h, w)
-            if iterations % 2 == 1:
+            second = pyramid + size
+            about_u = u
+            about_v = v
+            if plain:
+                about_u = un
+                about_v = vn
+                fill(m, mask, one, h, w)
+                fill(m, un, zero, h, w)
+                fill(m, vn, zero, h, w)
+            else:
+                warp(m, second, u, v, warped, mask, h, w)
+                second = warped
+            differentiate(m, pyramid, second, fx, fy, ft, five, h, w)
+            normalise(m, fx, fy, ft, mask, about_u, about_v, lam, outlier, h, w)
+            sweeps(m, u, v, un, vn, fx, fy, ft, iterations, rho, h, w)
+            if iterations % TWO == ONE:
                 u, v, un, vn = un, vn, u, v
-            if median > 1:
+            if median > ONE:
                 median_filter(m, u, un, median, h, w)
                 median_filter(m, v, vn, median, h, w)
                 u, v, un, vn = un, vn, u, v
@@ -545,36 +576,6 @@ def write_derivatives(frame0, frame1, five, out, m):
     differentiate(m, ZERO, size, fx, fx + size, fx + TWO * size, five, h, w)
     for i in range(THREE):
         store(m, fx + i * size, out, i)
-
-
-@njit(**OUTER)
-def jacobi(frame0, frame1, flow, m, five, iterations, lam):
-    """Run the sweeps of the paper at full resolution, from the field in `flow`, which takes the result."""
-    h = np.uint64(frame0.shape[0])
-    w = np.uint64(frame0.shape[1])
-    size = (h + FOUR) * (w + FOUR)
-    u = ZERO
-    v = u + size
-    un = v + size
-    vn = un + size
-    fx = vn + size
-    fy = fx + size
-    ft = fy + size
-    mask = ft + size
-    load(m, frame0, ZERO, u)
-    load(m, frame1, ZERO, v)
-    differentiate(m, u, v, fx, fy, ft, five, h, w)
-    fill(m, mask, np.float32(1.0), h, w)
-    fill(m, u, np.float32(0.0), h, w)
-    fill(m, v, np.float32(0.0), h, w)
-    normalise(m, fx, fy, ft, mask, u, v, lam, np.float32(0.0), h, w)
-    load(m, flow, ZERO, u)
-    load(m, flow, ONE, v)
-    sweeps(m, u, v, un, vn, fx, fy, ft, iterations, np.float32(0.0), h, w)
-    if iterations % 2 == 1:
-        u, v = un, vn
-    store(m, u, flow, ZERO)
-    store(m, v, flow, ONE)
 
 
 @njit(**INNER)
@@ -829,7 +830,7 @@ def full_multigrid(frame0, frame1, flow, started, sizes, m, five, lam, tolerance
     if goal == 0.0:
         for c in range(TWO):
             store(m, u, flow, c)
-        return 0.0, 0
+        return 0.0, ZERO
 
     # The coarse systems; right-hand sides as well, which full multigrid starts from.
     top = np.uint64(sizes.shape[0]) - ONE
@@ -876,23 +877,23 @@ def full_multigrid(frame0, frame1, flow, started, sizes, m, five, lam, tolerance
                 fill(m, target + c * fine, zero, hf, wf)
                 prolong(m, source + c * below, hc, wc, target + c * fine, hf, wf, row)
 
-    done = 0
+    done = ZERO
     norm = 1e300
     while done < most and norm > goal:
         before = norm
         if top > ZERO:
-            sweeps(m, u, v, un, vn, gx, gy, gt, 1, zero, h, w)
+            sweeps(m, u, v, un, vn, gx, gy, gt, ONE, zero, h, w)
             fine_residual(m, un, vn, u, v, fx, fy, ft, weight, h, w)
             hc = sizes[1, 0]
             wc = sizes[1, 1]
             below = (hc + FOUR) * (wc + FOUR)
             for c in range(TWO):
                 restrict(m, u + c * size, h, w, coarsest + (THREE + c) * below, hc, wc)
-            coarse_cycle(m, sizes, ONE, coarsest, False, row)
+            coarse_cycle(m, sizes, ONE, coarsest, NO, row)
             for c in range(TWO):
                 prolong(m, coarsest + (FIVE + c) * below, hc, wc, un + c * size, h, w, row)
-            sweeps(m, un, vn, u, v, gx, gy, gt, 1, zero, h, w)
-            done += 2
+            sweeps(m, un, vn, u, v, gx, gy, gt, ONE, zero, h, w)
+            done += TWO
         last = norm
         norm = np.sqrt(fine_residual(m, u, v, un, vn, fx, fy, ft, weight, h, w))
         while norm > goal and norm < 0.3 * last and done < most:

@@ -66,6 +66,6 @@ def solve(
         params.derivative == "five-tap",
         np.float32(params.smoothness),
         params.tolerance,
-        params.iterations,
+        np.uint64(params.iterations),
     )
     return float(residual), int(sweeps)

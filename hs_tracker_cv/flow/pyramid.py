@@ -70,7 +70,8 @@ def estimate(
 ) -> None:
     """Estimate the flow from `frame0` to `frame1`, both (H, W, 1), into `flow` (H, W, 2).
 
-    With `started`, `flow` holds a first guess: each level warps by it from the beginning.
+    With `started`, `flow` holds a first guess: each level warps by it from the beginning. Mode "classic" runs here
+    too: one level, no warping, plain Jacobi sweeps from the guess.
     """
     levels = plan(frame0.shape[0], frame0.shape[1], params)
     kernels.coarse_to_fine(
@@ -80,10 +81,12 @@ def estimate(
         started,
         levels.sizes,
         memory,
+        params.mode == "classic",
         params.derivative == "five-tap",
-        params.warps,
-        params.iterations,
-        params.median,
+        np.uint64(params.warps),
+        np.uint64(params.iterations),
+        np.float32(0.0) if params.mode == "classic" else kernels.RADIUS,
+        np.uint64(params.median),
         np.float32(params.smoothness),
         np.float32(1.0 / params.outlier**2 if params.outlier else 0.0),
         *levels.presmooth,
