@@ -1,0 +1,379 @@
+"""The two-layer model on sequences whose truth is constructed here."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+import threading
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hs_tracker_cv import layers
+from hs_tracker_cv.frames import Frame, as_frame
+from hs_tracker_cv.geometry import Box, iou
+
+PARAMS = layers.LayersParams()
+HEIGHT, WIDTH = 150, 220
+
+
+def texture(
+    height: int, width: int, seed: int, colour: tuple[int, int, int] = (105, 110, 115), contrast: float = 28.0
+) -> NDArray[np.float32]:
+    """Smooth random texture (height, width, 3) round a colour."""
+    noise = np.random.default_rng(seed).normal(size=(height, width, 3)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.0)
+    return np.asarray(np.array(colour, np.float32) + contrast * smooth / smooth.std(), dtype=np.float32)
+
+
+def finish(image: NDArray[np.float32], seed: int, sigma: float = 1.5) -> NDArray[np.uint8]:
+    """Add noise, round to 8 bits."""
+    noise = np.random.default_rng(seed).normal(scale=sigma, size=image.shape)
+    return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+
+
+def paste(image: NDArray[np.float32], patch: NDArray[np.float32], x: int, y: int) -> None:
+    """Put a patch on an image, in place."""
+    h, w = patch.shape[:2]
+    image[y : y + h, x : x + w] = patch
+
+
+GROUND = texture(HEIGHT, WIDTH, 1)
+SQUARE = texture(34, 34, 2, (150, 100, 80))
+
+
+def moving_square(frames: int = 24, speed: tuple[int, int] = (3, 1)) -> tuple[list[NDArray[np.uint8]], list[Box]]:
+    """Square of texture moving over texture by whole pixels."""
+    images, boxes = [], []
+    for t in range(frames):
+        image = GROUND.copy()
+        x, y = 30 + speed[0] * t, 40 + speed[1] * t
+        paste(image, SQUARE, x, y)
+        images.append(finish(image, t))
+        boxes.append(Box(x, y, 34, 34))
+    return images, boxes
+
+
+def follow(images: list[NDArray[Any]], box: Box, params: layers.LayersParams = PARAMS) -> list[layers.LayersReport]:
+    """Reports of all frames, the first one's too."""
+    state = layers.start(as_frame(images[0]), box, params)
+    reports = [state.report]
+    for image in images[1:]:
+        state = layers.step(state, as_frame(image), params)
+        reports.append(state.report)
+    return reports
+
+
+def overlaps(reports: list[layers.LayersReport], boxes: list[Box]) -> NDArray[np.float64]:
+    """IoU per frame, the first one excluded."""
+    return np.array([iou(r.box, b) if r.ok else 0.0 for r, b in zip(reports[1:], boxes[1:], strict=True)])
+
+
+@pytest.mark.parametrize("speed", [(3, 1), (-1, 2), (5, 0), (0, 1)])
+def test_moving_square_is_followed(speed: tuple[int, int]) -> None:
+    """A textured square moving over textured ground is boxed within a pixel or so."""
+    images, boxes = moving_square(20, speed)
+    assert overlaps(follow(images, boxes[0]), boxes).min() > 0.9
+
+
+def test_gray_frames_are_followed() -> None:
+    """One channel is enough."""
+    images, boxes = moving_square(20)
+    gray = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)) for image in images]
+    assert overlaps(follow(gray, boxes[0]), boxes).min() > 0.9
+
+
+def test_generous_start_box_tightens() -> None:
+    """A start box 15 % too large shrinks to what moves."""
+    images, boxes = moving_square()
+    loose = Box(boxes[0].x - 4, boxes[0].y - 3, 41, 41)
+    assert overlaps(follow(images, loose), boxes)[8:].min() > 0.9
+
+
+def test_moving_camera_is_told_from_the_object() -> None:
+    """With a panning camera the box follows the object, and the camera's motion is reported."""
+    ground = texture(HEIGHT, WIDTH + 120, 3)
+    images, boxes = [], []
+    for t in range(20):
+        image = np.ascontiguousarray(ground[:, 2 * t : 2 * t + WIDTH])
+        paste(image, SQUARE, 60 + t, 50)
+        images.append(finish(image, t))
+        boxes.append(Box(60 + t, 50, 34, 34))
+    reports = follow(images, boxes[0])
+    assert overlaps(reports, boxes).min() > 0.9
+    assert np.allclose([r.camera for r in reports[1:]], (-2.0, 0.0), atol=0.15)
+
+
+def test_stopped_object_is_held() -> None:
+    """An object that stops stays in its box: the background memory knows what belongs there."""
+    images, boxes = moving_square(12)
+    for t in range(30):
+        image = GROUND.copy()
+        paste(image, SQUARE, int(boxes[11].x), int(boxes[11].y))
+        images.append(finish(image, 100 + t))
+        boxes.append(boxes[11])
+    assert overlaps(follow(images, boxes[0]), boxes).min() > 0.9
+
+
+def test_second_mover_is_not_followed() -> None:
+    """A second object that passes beside the first does not enter the box."""
+    other = texture(24, 24, 5, (70, 140, 160))
+    images, boxes = [], []
+    for t in range(30):
+        image = GROUND.copy()
+        paste(image, other, 190 - 6 * t, 92)
+        paste(image, SQUARE, 40 + 2 * t, 40)
+        images.append(finish(image, t))
+        boxes.append(Box(40 + 2 * t, 40, 34, 34))
+    assert overlaps(follow(images, boxes[0]), boxes).min() > 0.88
+
+
+def test_shadow_is_not_part_of_the_object() -> None:
+    """A shadow that moves with the object is, after a few frames, ground that has darkened, not object."""
+    images, boxes = [], []
+    for t in range(24):
+        image = GROUND.copy()
+        x, y = 30 + 3 * t, 40 + t
+        image[y + 14 : y + 46, x + 10 : x + 46] *= np.float32(0.6)
+        paste(image, SQUARE, x, y)
+        images.append(finish(image, t))
+        boxes.append(Box(x, y, 34, 34))
+    assert overlaps(follow(images, boxes[0]), boxes)[8:].min() > 0.9
+
+
+def behind_wall() -> tuple[list[NDArray[np.uint8]], list[Box], NDArray[np.float64]]:
+    """Square that passes behind a wall of its own width, with the visible share of each frame."""
+    wall = texture(HEIGHT, 40, 7, (60, 60, 60), 15.0)
+    images, boxes, shares = [], [], []
+    for t in range(44):
+        image = GROUND.copy()
+        x = 30 + 3 * t
+        paste(image, SQUARE, x, 50)
+        paste(image, wall, 90, 0)
+        images.append(finish(image, t))
+        boxes.append(Box(x, 50, 34, 34))
+        shares.append(1 - max(0, min(x + 34, 130) - max(x, 90)) / 34)
+    return images, boxes, np.array(shares)
+
+
+def test_occlusion_is_reported_and_survived() -> None:
+    """Behind a wall the object is reported occluded, not ok when unseen, and found again on the other side."""
+    images, boxes, shares = behind_wall()
+    reports = follow(images, boxes[0])
+    half = (shares < 0.6) & (shares > 0.2) & (np.arange(44) < 25)
+    assert [r.occluded for r, hidden in zip(reports, half, strict=True) if hidden].count(True) >= 1
+    assert not any(r.ok for r, share in list(zip(reports, shares, strict=True)) if share <= 0.0)
+    assert overlaps(reports, boxes)[-4:].min() > 0.85
+
+
+def test_object_is_not_occluded_on_open_ground() -> None:
+    """Without anything in front nothing is reported."""
+    images, boxes = moving_square()
+    reports = follow(images, boxes[0])
+    assert not any(r.occluded or r.lost or not r.ok for r in reports)
+    assert min(r.score for r in reports) > 0.8
+
+
+def snapshot(value: Any) -> Any:
+    """Nested bytes of everything in a state, for comparison."""
+    if isinstance(value, np.ndarray):
+        return value.tobytes()
+    if dataclasses.is_dataclass(value):
+        return {f.name: snapshot(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    return value
+
+
+@pytest.mark.parametrize("operation", ["step", "watch", "reseed"])
+def test_old_state_is_never_changed(operation: str) -> None:
+    """Every operation leaves its state as it was: a failed update must not harm the track."""
+    images, boxes = moving_square(8)
+    frames = [as_frame(image) for image in images]
+    state = layers.start(frames[0], boxes[0], PARAMS)
+    for frame in frames[1:6]:
+        state = layers.step(state, frame, PARAMS)
+    before = snapshot(state)
+    if operation == "step":
+        layers.step(state, frames[6], PARAMS)
+    elif operation == "watch":
+        layers.watch(state, frames[6], boxes[6], PARAMS)
+    else:
+        layers.reseed(state, frames[5], boxes[5], PARAMS)
+    assert snapshot(state) == before
+
+
+def test_read_only_frames_suffice() -> None:
+    """The caller's frame is never written to."""
+    images, boxes = moving_square(6)
+    for image in images:
+        image.flags.writeable = False
+    assert overlaps(follow(images, boxes[0]), boxes).min() > 0.9
+
+
+def test_same_input_gives_same_state() -> None:
+    """Two runs agree to the last bit."""
+    images, boxes = moving_square(10)
+    ends = []
+    for _ in range(2):
+        state = layers.start(as_frame(images[0]), boxes[0], PARAMS)
+        for image in images[1:]:
+            state = layers.step(state, as_frame(image), PARAMS)
+        ends.append(snapshot(state))
+    assert ends[0] == ends[1]
+
+
+@pytest.mark.parametrize("way", ["pickle", "deepcopy"])
+def test_copied_state_continues_alike(way: str) -> None:
+    """A state that was pickled or deep-copied continues as the original does."""
+    images, boxes = moving_square(10)
+    state = layers.start(as_frame(images[0]), boxes[0], PARAMS)
+    for image in images[1:6]:
+        state = layers.step(state, as_frame(image), PARAMS)
+    copied = pickle.loads(pickle.dumps(state)) if way == "pickle" else copy.deepcopy(state)
+    for image in images[6:]:
+        state = layers.step(state, as_frame(image), PARAMS)
+        copied = layers.step(copied, as_frame(image), PARAMS)
+    assert snapshot(state) == snapshot(copied)
+
+
+def test_threads_do_not_disturb_each_other() -> None:
+    """Tracks run in threads give what they give alone."""
+    images, boxes = moving_square(8)
+    alone = [r.box for r in follow(images, boxes[0])]
+    results: list[list[Box]] = []
+    threads = [
+        threading.Thread(target=lambda: results.append([r.box for r in follow(images, boxes[0])])) for _ in range(2)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert results == [alone, alone]
+
+
+def test_watching_knows_the_background_and_hands_over() -> None:
+    """While another tracker gives the box the background is learned; a later step takes over from it."""
+    images, boxes = moving_square(24)
+    state = layers.start(as_frame(images[0]), boxes[0], PARAMS)
+    for image, box in zip(images[1:14], boxes[1:14], strict=True):
+        state = layers.watch(state, as_frame(image), box, PARAMS)
+    assert state.report.box == pytest.approx(boxes[13], abs=1e-9)
+    assert state.report.n_known > 500
+    assert state.report.unexplained < 0.02
+    assert state.report.mismatch < 4.0
+    for image in images[14:]:
+        state = layers.step(state, as_frame(image), PARAMS)
+    assert iou(state.report.box, boxes[-1]) > 0.9
+
+
+def test_reseed_takes_the_box_and_keeps_the_background() -> None:
+    """After a hand-over the object is followed from the new box, with the background known as before."""
+    images, boxes = moving_square(24)
+    state = layers.start(as_frame(images[0]), boxes[0], PARAMS)
+    for image in images[1:12]:
+        state = layers.step(state, as_frame(image), PARAMS)
+    known = int(np.count_nonzero(state.atlas.counts[0] > 5))
+    state = layers.reseed(state, as_frame(images[11]), boxes[11], PARAMS)
+    assert state.report.box == boxes[11]
+    assert np.count_nonzero(state.atlas.counts[0] > 5) > 0.8 * known
+    for image, box in zip(images[12:], boxes[12:], strict=True):
+        state = layers.step(state, as_frame(image), PARAMS)
+        assert iou(state.report.box, box) > 0.88
+
+
+def test_trust_tells_a_foreign_motion() -> None:
+    """A box that stands on moving ground is betrayed by the mismatch outside it."""
+    images, boxes = moving_square(10)
+    calm = follow(images, boxes[0])[-1]
+    wrong = follow(images, Box(boxes[0].x + 40, boxes[0].y, 20, 20))
+    assert max(r.unexplained for r in wrong[1:]) > 5 * calm.unexplained
+
+
+def test_large_object_is_reduced() -> None:
+    """An object of 180 px is handled on a coarser lattice, its box in frame pixels all the same."""
+    ground = cv2.resize(GROUND, (880, 600), interpolation=cv2.INTER_CUBIC)
+    big = cv2.resize(SQUARE, (180, 180), interpolation=cv2.INTER_CUBIC)
+    images, boxes = [], []
+    for t in range(10):
+        image = np.asarray(ground, dtype=np.float32).copy()
+        paste(image, np.asarray(big, dtype=np.float32), 200 + 8 * t, 200)
+        images.append(finish(image, t))
+        boxes.append(Box(200 + 8 * t, 200, 180, 180))
+    reports = follow(images, boxes[0])
+    assert reports[-1].step == 2
+    assert max(reports[-1].mask.shape) < 200
+    assert overlaps(reports, boxes).min() > 0.9
+
+
+def test_growing_object_changes_the_lattice() -> None:
+    """When an object outgrows the working size the lattice becomes coarser, and the track goes on."""
+    params = layers.LayersParams(working_size=30)
+    images, boxes = [], []
+    for t in range(24):
+        side = 28 + 2 * t
+        image = GROUND.copy()
+        paste(image, np.asarray(cv2.resize(SQUARE, (side, side)), dtype=np.float32), 70 - t, 60 - t)
+        images.append(finish(image, t))
+        boxes.append(Box(70 - t, 60 - t, side, side))
+    reports = follow(images, boxes[0], params)
+    assert {r.step for r in reports} >= {1, 2}
+    assert overlaps(reports, boxes).min() > 0.8
+
+
+@pytest.mark.parametrize("corner", ["left", "right", "top", "bottom"])
+def test_object_may_leave_the_frame(corner: str) -> None:
+    """Leaving the frame raises nothing, and the object is not reported where it cannot be seen."""
+    direction = {"left": (-4, 0), "right": (4, 0), "top": (0, -4), "bottom": (0, 4)}[corner]
+    images = []
+    for t in range(40):
+        canvas = np.pad(GROUND, ((80, 80), (80, 80), (0, 0)), mode="edge")
+        x, y = 90 + direction[0] * t, 55 + direction[1] * t
+        if -60 < x < WIDTH + 40 and -60 < y < HEIGHT + 40:
+            paste(canvas, SQUARE, x + 80, y + 80)
+        images.append(finish(canvas[80:-80, 80:-80], t))
+    reports = follow(images, Box(90, 55, 34, 34))
+    assert not reports[-1].ok
+
+
+def test_report_is_complete() -> None:
+    """Every picture that debug() shows has the size of the window."""
+    images, boxes = moving_square(4)
+    report = follow(images, boxes[0])[-1]
+    h, w = report.mask.shape
+    assert report.previous.shape == report.current.shape == (h, w)
+    assert report.flow.shape == (h, w, 2)
+    assert report.mask.dtype == np.uint8
+    assert 0.0 <= report.score <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("working_size", 5),
+        ("margin", 0.0),
+        ("smoothness", -1.0),
+        ("warps", 0),
+        ("colour_weight", -0.1),
+        ("occlusion_ratio", 1.5),
+        ("max_coast", 0),
+    ],
+)
+def test_bad_parameters_are_named(name: str, value: float) -> None:
+    """A parameter out of range is refused with its name and value."""
+    with pytest.raises(ValueError, match=f"{name}.*{value}"):
+        layers.LayersParams(**{name: value})
+
+
+def test_frames_of_other_types() -> None:
+    """16-bit and float frames give the same boxes as 8-bit ones."""
+    images, boxes = moving_square(6)
+    expected = [r.box for r in follow(images, boxes[0])]
+    for scale, kind in ((257, np.uint16), (1 / 255, np.float64)):
+        frames: list[Frame] = [as_frame((image * np.float64(scale)).astype(kind)) for image in images]
+        state = layers.start(frames[0], boxes[0], PARAMS)
+        for frame, box in zip(frames[1:], expected[1:], strict=True):
+            state = layers.step(state, frame, PARAMS)
+            assert iou(state.report.box, box) > 0.98
