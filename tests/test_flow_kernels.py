@@ -65,7 +65,7 @@ def test_median_equals_opencv(size):
     np.testing.assert_array_equal(inside(m, b), cv2.medianBlur(image, size))
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 5, 9, 12])
+@pytest.mark.parametrize("n", [2, 3, 5, 9, 12])
 def test_exchanges_sort(n):
     """By the 0–1 principle the network sorts, since it sorts every sequence of zeros and ones."""
     for values in itertools.product((0, 1), repeat=n):
@@ -92,8 +92,8 @@ def test_warp_is_keys_interpolation():
     assert inside(m, mask).sum() == H * W - 1
 
 
-def test_restriction_and_prolongation_are_adjoint():
-    """Up to their scale, one is the transpose of the other for even sizes: what keeps the coarse system symmetric."""
+def test_restriction_sums_and_prolongation_keeps_constants():
+    """Restriction gives the sum over 2 × 2 pixels; prolongation of a constant is that constant."""
     h, w = np.uint64(8), np.uint64(8)
     ones = np.ones(4 * 144, np.float32)
     ones[144:] = 0.0
