@@ -31,7 +31,7 @@ class Soaked:
     ----------
     updates : int
     settled, final, highest : float
-        Resident memory after the first `SETTLED` updates, at the end, and the most between, MB.
+        Resident memory once settled, at the end, and the most between, MB.
     tenths : tuple of float
         Median time per update of each tenth of the run, ms.
     """
@@ -43,52 +43,53 @@ class Soaked:
     tenths: tuple[float, ...]
 
 
-def ring(count: int = 60) -> list[NDArray[np.uint8]]:
-    """Frames (96, 128, 3) of a textured disc on a closed path, so that the video has no end."""
+def ring(count: int = 60) -> tuple[list[NDArray[np.uint8]], list[tuple[int, int, int, int]]]:
+    """Frames (72, 96, 3) of a textured disc on a closed path, so that the video has no end, and its boxes."""
     rng = np.random.default_rng(3)
-    ground = cv2.GaussianBlur(rng.uniform(0, 200, (96, 128, 3)).astype(np.float32), (0, 0), 2.0)
-    face = cv2.GaussianBlur(rng.uniform(0, 255, (28, 28, 3)).astype(np.float32), (0, 0), 1.0)
-    disc = np.hypot(*(np.indices((28, 28)) - 13.5)) < 13.5
-    frames = []
+    ground = cv2.GaussianBlur(rng.uniform(0, 200, (72, 96, 3)).astype(np.float32), (0, 0), 2.0)
+    face = cv2.GaussianBlur(rng.uniform(0, 255, (20, 20, 3)).astype(np.float32), (0, 0), 1.0)
+    disc = np.hypot(*(np.indices((20, 20)) - 9.5)) < 10
+    frames, boxes = [], []
     for turn in np.arange(count) / count * 2 * np.pi:
         image = ground.copy()
-        x, y = round(50 + 30 * np.cos(turn)), round(34 + 20 * np.sin(turn))
-        image[y : y + 28, x : x + 28][disc] = face[disc]
+        x, y = round(38 + 25 * np.cos(turn)), round(26 + 15 * np.sin(turn))
+        image[y : y + 20, x : x + 20][disc] = face[disc]
         frames.append(np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8))
-    return frames
+        boxes.append((x, y, 20, 20))
+    return frames, boxes
 
 
-def soak(updates: int, restart: int = 500) -> Soaked:
+def soak(updates: int, *, restart: int = 500, settled: int = SETTLED) -> Soaked:
     """Track an endless video, with a new init now and then.
 
     Parameters
     ----------
     updates : int
-        More than `SETTLED`.
+        More than `settled`.
     restart : int
         Updates between two inits.
+    settled : int
+        Updates before memory is first measured.
     """
-    if updates <= SETTLED:
-        raise ValueError(f"expected more than {SETTLED} updates, got {updates}")
-    frames, process, tracker = ring(), psutil.Process(), TrackerHS_create()
+    if updates <= settled:
+        raise ValueError(f"expected more than {settled} updates, got {updates}")
+    (frames, boxes), process, tracker = ring(), psutil.Process(), TrackerHS_create()
     times = np.empty(updates)
-    settled = highest = 0.0
+    first = highest = 0.0
     for index in range(updates):
         if index % restart == 0:
-            start = index % len(frames)
-            turn = start / len(frames) * 2 * np.pi
-            tracker.init(frames[start], (round(50 + 30 * np.cos(turn)), round(34 + 20 * np.sin(turn)), 28, 28))
+            tracker.init(frames[index % len(frames)], boxes[index % len(frames)])
         # Black frames now and then: losing the object and finding it again must cost no memory either.
         frame = frames[(index + 1) % len(frames)] if index % 100 < 95 else np.zeros_like(frames[0])
         before = time.perf_counter()
         tracker.update(frame)
         times[index] = time.perf_counter() - before
-        if index + 1 >= SETTLED and (index + 1) % 500 == 0:
+        if index + 1 >= settled and (index + 1 - settled) % 100 == 0:
             memory = process.memory_info().rss / 2**20
-            settled = settled or memory
+            first = first or memory
             highest = max(highest, memory)
     tenths = tuple(1000 * statistics.median(part.tolist()) for part in np.array_split(times, 10))
-    return Soaked(updates, settled, process.memory_info().rss / 2**20, highest, tenths)
+    return Soaked(updates, first, process.memory_info().rss / 2**20, highest, tenths)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

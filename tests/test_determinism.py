@@ -100,7 +100,7 @@ def test_another_process_gives_the_same_boxes(environment: dict[str, str]) -> No
 
 
 def test_every_opencv_gives_the_boxes_of_the_reference() -> None:
-    """Where OpenCV rendered the same pixels, edges are within a pixel of the committed ones, and so is every False."""
+    """Edges within a pixel of the committed ones, and False in the same frames."""
     if not REFERENCE.is_file():
         pytest.skip(f"no reference at {REFERENCE}; make one with python -m tests.test_determinism --write")
     reference = json.loads(REFERENCE.read_text(encoding="utf-8"))
