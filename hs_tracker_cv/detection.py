@@ -409,5 +409,9 @@ class FirstMover:
 
 
 def _touches_border(region: Region) -> bool:
-    mask = region.mask
-    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
+    """Whether the region is at the border of the frame, or was in the frame before."""
+    height, width = region.mask.shape
+    before = region.box.moved(-region.flow[0], -region.flow[1])
+    return any(
+        box.x < 1 or box.y < 1 or box.right > width - 1 or box.bottom > height - 1 for box in (region.box, before)
+    )
