@@ -117,6 +117,9 @@ def assign(
     h, w = view.gray.shape
     errors, fresh = evidence_
     grown, distractor = masks.grow(fresh, expected.odds, state.distractor, state.count)
+    if state.occlusion.occluded or state.occlusion.coasting:
+        distractor = np.zeros_like(distractor)  # what comes out from behind something may be the object itself
+        grown[grown == 2] = 0
     ratio, trust = colour.likelihood(state.colours, params.colour_weight)
     bins = np.empty((h, w), np.int16)
     raw = np.empty((h, w), np.float32)

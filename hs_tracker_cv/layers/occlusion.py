@@ -12,17 +12,19 @@ from .kernels import search_shift
 from .mask import Mask
 from .state import Image, LayersParams, Occlusion, Plane
 
-__all__ = ["find_again", "judge", "remembered_speed", "visible_share"]
+__all__ = ["amodal", "find_again", "judge", "remembered_speed", "visible_share", "with_missing"]
 
 _HISTORY = 12
+_SIZES = 8  # frames back to the size of an object that may already be going out of sight
 _SPAN = 4  # frames over which a side must have moved
 _UNCONFIRMED = 12  # frames after which a suspicion is dropped
 
 
-def visible_share(mask: Mask, shape: Plane, inside: NDArray[np.int64]) -> float:
+def visible_share(mask: Mask, shape: Plane, inside: NDArray[np.int64], *, hidden: bool) -> float:
     """Visible share of that part of the remembered shape that lies in the frame; 0 when none does.
 
-    An area that has only changed its form counts as visible: deformation roughly conserves area.
+    An area that has only changed its form counts as visible, since deformation roughly conserves area; and what comes
+    out after it was `hidden` need not be where it was expected.
     """
     x0, y0, x1, y1 = (int(v) for v in inside)
     part, seen = shape[y0:y1, x0:x1] > 0.5, mask[y0:y1, x0:x1]
@@ -30,7 +32,7 @@ def visible_share(mask: Mask, shape: Plane, inside: NDArray[np.int64]) -> float:
     if area == 0:
         return 0.0
     ratio = float(np.count_nonzero(part & (seen != 0))) / area
-    if ratio > 0.3:
+    if ratio > 0.3 or hidden:
         ratio = max(ratio, min(1.0, float(np.count_nonzero(seen)) / area))
     return ratio
 
@@ -64,7 +66,7 @@ def judge(
         return replace(memory, suspected=0, occluded=False, coasting=0, sides=(), duration=0)
     if box is not None:
         x, y = box.x - drift[0], box.y - drift[1]
-        memory = replace(memory, sides=(*memory.sides, (x, y, x + box.w, y + box.h))[-_SPAN - 1 :])
+        memory = replace(memory, sides=(*memory.sides, (x, y, x + box.w, y + box.h))[-_SIZES:])
     if not memory.occluded:
         speed = (velocity[0] - camera[0], velocity[1] - camera[1])
         memory = replace(memory, speeds=(*memory.speeds, speed)[-_HISTORY:])
@@ -80,11 +82,26 @@ def judge(
     return replace(memory, suspected=suspected, occluded=occluded, duration=duration)
 
 
+def with_missing(memory: Occlusion, shape: Box) -> Occlusion:
+    """Memory of an occlusion just confirmed, with what the remembered `shape` lacks on its leading sides."""
+    left, top, right, bottom = memory.sides[0] if memory.sides else (0.0, 0.0, 0.0, 0.0)
+    lost_x, lost_y = max(right - left - shape.w, 0.0), max(bottom - top - shape.h, 0.0)
+    vx, vy = remembered_speed(memory)
+    missing = (lost_x * (vx < -0.25), lost_y * (vy < -0.25), lost_x * (vx > 0.25), lost_y * (vy > 0.25))
+    return replace(memory, missing=missing)
+
+
+def amodal(memory: Occlusion, shape: Box) -> Box:
+    """Box of the whole object from that of the remembered shape."""
+    left, top, right, bottom = memory.missing
+    return Box.from_edges(shape.x - left, shape.y - top, shape.right + right, shape.bottom + bottom)
+
+
 def _stalled(memory: Occlusion) -> bool:
     """A side towards which the object should have moved has not."""
     if len(memory.sides) <= _SPAN or len(memory.speeds) < _SPAN:
         return False
-    new, old = memory.sides[-1], memory.sides[0]
+    new, old = memory.sides[-1], memory.sides[-1 - _SPAN]
     for axis in (0, 1):
         expected = sum(speed[axis] for speed in memory.speeds[-_SPAN:])
         side = axis + 2 if expected > 0 else axis

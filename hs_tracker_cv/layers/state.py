@@ -156,6 +156,9 @@ class Occlusion:
         Last velocities relative to the background, newest last.
     duration : int
         Frames since the occlusion was confirmed.
+    missing : tuple of float
+        What the remembered shape lacks on the left, top, right and bottom: it was going out of sight before the
+        occlusion was confirmed.
     drift : tuple of float
         Camera translation summed since the start, lattice px: what `sides` are relative to.
     """
@@ -166,13 +169,16 @@ class Occlusion:
     sides: tuple[tuple[float, float, float, float], ...] = ()
     speeds: tuple[tuple[float, float], ...] = ()
     duration: int = 0
+    missing: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     drift: tuple[float, float] = (0.0, 0.0)
 
     def rescaled(self, ratio: float) -> Occlusion:
         """Return the memory in lattice pixels `ratio` times as many."""
         sides = tuple((a * ratio, b * ratio, c * ratio, d * ratio) for a, b, c, d in self.sides)
         speeds = tuple((vx * ratio, vy * ratio) for vx, vy in self.speeds)
-        return replace(self, sides=sides, speeds=speeds, drift=(self.drift[0] * ratio, self.drift[1] * ratio))
+        left, top, right, bottom = (side * ratio for side in self.missing)
+        drift = (self.drift[0] * ratio, self.drift[1] * ratio)
+        return replace(self, sides=sides, speeds=speeds, missing=(left, top, right, bottom), drift=drift)
 
 
 @dataclass(frozen=True)

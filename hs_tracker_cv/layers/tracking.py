@@ -21,6 +21,8 @@ from .window import View, grab, lattice_step, look, place_window
 
 __all__ = ["reseed", "start", "step", "watch"]
 
+_UNSEEN = 0.12  # visible share below which the object counts as out of sight
+
 
 class _Outcome(NamedTuple):
     """What one frame says about the object: where it is (window px), how it moves on, what hides it."""
@@ -223,16 +225,20 @@ def _judge(
     state: LayersState, view: View, moves: motion.Moves, expected: Expected, labels: Labels, params: LayersParams
 ) -> _Outcome:
     """Occlusion, box and motion after labelling."""
-    share = hiding.visible_share(labels.mask, expected.shape, view.inside)
+    was_hidden = state.occlusion.coasting > 0
+    share = hiding.visible_share(labels.mask, expected.shape, view.inside, hidden=was_hidden)
     box = masks.box_of(labels.mask, labels.odds)
     on_lattice = None if box is None else box.moved(*state.origin)
     usable = moves.contrast >= 0.2
     occlusion = hiding.judge(state.occlusion, on_lattice, moves.velocity, moves.camera, share, usable, params)
-    unseen = (share < 0.2 and state.count > 3 and usable) or box is None
+    unseen = (share < _UNSEEN and state.count > 3 and usable) or box is None
     occlusion = replace(occlusion, coasting=state.occlusion.coasting + 1 if unseen else 0)
     hidden = occlusion.occluded or unseen
-    if hidden:
-        box = masks.box_of((expected.shape > 0.5).view(np.uint8), None) or box
+    whole = masks.box_of((expected.shape > 0.5).view(np.uint8), None) if hidden else None
+    if whole is not None:
+        if occlusion.occluded and not state.occlusion.occluded:
+            occlusion = hiding.with_missing(occlusion, whole)
+        box = hiding.amodal(occlusion, whole) if occlusion.occluded else whole
     if box is None:
         x, y, w, h = state.box
         box = Box(x - state.origin[0], y - state.origin[1], w, h).moved(*moves.velocity)
