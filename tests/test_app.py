@@ -188,6 +188,31 @@ def _facts(page: Any) -> tuple[int, Box]:
     return int(words[words.index("frame") + 1]), Box(x, y, w, h)
 
 
+def test_a_session_follows_and_can_be_restarted_on_the_way(tmp_path: Path) -> None:
+    """A new box in the middle of a video starts a new track in that frame, under that frame's number."""
+    pytest.importorskip("nicegui")
+    from hs_tracker_cv.app.live import LiveSession
+
+    frames, boxes = _frames(8)
+    with VideoSink(tmp_path / "square.mkv", 25.0) as sink:
+        for frame in frames:
+            sink.write(frame)
+    session = LiveSession()
+    np.testing.assert_array_equal(session.open(str(tmp_path / "square.mkv")), frames[0])
+    session.start(boxes[0])
+    assert [session.advance().index for _ in range(4)] == [0, 1, 2, 3]
+    session.start(boxes[3])
+    later = [session.advance() for _ in range(6)]
+    assert [step.index for step in later[:5]] == [3, 4, 5, 6, 7]
+    assert later[5] is None
+    assert later[0].box == boxes[3]
+    assert iou(later[4].box, boxes[7]) > 0.7
+    assert len(session.scores) == 5
+    session.close()
+    with pytest.raises(VideoError, match="cannot be read"):
+        session.open(str(tmp_path / "absent.avi"))
+
+
 def test_without_nicegui_the_way_to_install_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The missing extra is one clear line, not a traceback from inside."""
     monkeypatch.setattr(app.importlib.util, "find_spec", lambda name: None)

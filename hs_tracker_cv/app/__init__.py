@@ -42,7 +42,7 @@ def select_roi(frame: Any, *, timeout: float = 600.0, show: bool = True, port: i
     timeout : float
         Seconds after which the page gives up.
     show : bool
-        Open a browser window. Its address is written to stderr in any case.
+        Open a browser window where there is a screen. Its address is written to stderr in any case.
     port : int, optional
         Port on the loopback interface; a free one by default.
 
@@ -136,5 +136,6 @@ def _await_server(process: subprocess.Popen[bytes], port: int) -> None:
 def _announce(words: str, port: int, *, show: bool) -> None:
     address = f"http://{HOST}:{port}/"
     print(f"{words} {address}", file=sys.stderr, flush=True)
-    if show:
+    # Without a screen Python may start a text browser in this terminal, and wait for it.
+    if show and (sys.platform in {"darwin", "win32"} or {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()):
         webbrowser.open(address)

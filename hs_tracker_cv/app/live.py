@@ -93,10 +93,10 @@ class LivePage:
         ui.query(".nicegui-content").classes("gap-3")
         self._controls(video)
         self.picker = BoxPicker(self._boxed)
-        self.picker.element.style("max-width: 100%").props("id=frame")
+        self.picker.element.props("id=frame")
         with ui.row().classes("items-center gap-4 w-full"):
             self.state = ui.badge("no video", color="grey").classes("text-sm").props("id=state")
-            self.facts = ui.label("").classes("font-mono text-sm").props("id=facts")
+            self.facts = ui.label("").classes("font-mono text-sm whitespace-pre").props("id=facts")
             self.curve = ui.html("", sanitize=False).props("id=score")
         self.panels = ui.image().style("max-width: 1330px; width: 100%").props("id=panels no-spinner no-transition")
         self.timer = ui.timer(0.02, self._tick, active=False)
@@ -129,7 +129,6 @@ class LivePage:
             self._enable(opened=False, started=False)
             ui.notify(str(error), type="negative")
             return
-        self.picker.element.style(f"width: {max(frame.shape[1], 640)}px")
         self.picker.show(frame, lossless=True)
         self.panels.set_source("")
         self._say("drag a box", "grey", "drag a box round the object, or let it be found")

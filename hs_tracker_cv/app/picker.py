@@ -13,6 +13,8 @@ from ..geometry import Box
 
 __all__ = ["BoxPicker", "picture_url"]
 
+COMFORTABLE = 640
+"""Width, screen px, up to which a small image is enlarged."""
 STYLE = 'fill="rgba(90,190,210,0.15)" stroke="#5abed2" stroke-width="2" vector-effect="non-scaling-stroke"'
 
 
@@ -44,6 +46,9 @@ class BoxPicker:
     def show(self, image: Any, *, lossless: bool = False) -> None:
         """Show an image; a box drawn on the one before disappears."""
         self._size = (image.shape[1], image.shape[0])
+        # Where it fits, one image pixel is a whole number of screen pixels: a drag then hits pixels exactly.
+        shown = image.shape[1] * max(COMFORTABLE // image.shape[1], 1)
+        self.element.style(f"width: {shown}px; max-width: 100%")
         self.element.set_source(picture_url(image, lossless=lossless))
         self.clear()
 

@@ -63,8 +63,7 @@ def select_page(picture: str, answer: str, timeout: float) -> None:
             ui.label("Drag a box round the object").classes("text-lg")
             button = ui.button("Track this", icon="check", on_click=accept).props("id=accept")
             button.set_enabled(False)
-            label = ui.label("no box yet").classes("font-mono opacity-80").props("id=box")
+            label = ui.label("no box yet").classes("font-mono opacity-80 whitespace-pre").props("id=box")
         picker = BoxPicker(take)
-        # Shown at its own size where it fits: one screen pixel is then one image pixel.
-        picker.element.style(f"width: {image.shape[1]}px; max-width: 100%").props("id=frame")
+        picker.element.props("id=frame")
         picker.show(image, lossless=True)
