@@ -123,6 +123,8 @@ def find_again(
     image: Image, obj: Image, shape: Plane, different: Mask, reach: int, noise: float, inside: NDArray[np.int64]
 ) -> tuple[int, int]:
     """Translation at which the remembered object fits what is not background; (0, 0) if none fits clearly better."""
+    if np.count_nonzero(different) < 0.05 * np.count_nonzero(shape > 0.5):
+        return 0, 0
     step = 1 if reach <= 10 else 2
     arguments = (image, obj, shape, different)
     score, still, dx, dy = search_shift(*arguments, np.array((0, 0)), reach, step, inside, noise)

@@ -37,7 +37,8 @@ class LayersParams:
     occlusion_ratio : float
         Visible share of the object's shape below which a suspected occlusion is confirmed, 0–1.
     max_coast : int
-        Frames an unseen object is waited for before it is given up.
+        Frames for which an unseen object is taken to move on as before; also the longest occlusion believed while
+        a good part of the object is seen.
     """
 
     working_size: int = 100

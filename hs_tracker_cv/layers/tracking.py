@@ -21,6 +21,7 @@ from .window import View, grab, lattice_step, look, place_window
 
 __all__ = ["reseed", "start", "step", "watch"]
 
+_FAR = 40  # lattice px: farthest an unseen object is looked for from where it is expected
 _UNSEEN = 0.12  # visible share below which the object counts as out of sight
 
 
@@ -211,12 +212,12 @@ def _extent(frame: Frame, k: int) -> tuple[float, float]:
 
 def _margin(box: tuple[float, float, float, float], coasting: int, params: LayersParams) -> float:
     share = params.margin * max(box[2], box[3])
-    return max(12.0, share + min(coasting, 20)) if coasting else max(10.0, share)
+    return max(12.0, share + min(coasting, _FAR)) if coasting else max(10.0, share)
 
 
 def _search(state: LayersState, view: View, expected: Expected, errors: NDArray[np.float32]) -> tuple[int, int]:
     """Where a hidden object comes out again, relative to where it was expected."""
-    reach = int(min(8 + state.occlusion.coasting + 0.2 * state.occlusion.suspected, 30))
+    reach = int(min(8 + state.occlusion.coasting + 0.2 * state.occlusion.suspected, _FAR))
     different = (errors[1] >= 4.0).view(np.uint8)
     return hiding.find_again(view.image, expected.obj, expected.shape, different, reach, state.noise, view.inside)
 
@@ -243,17 +244,19 @@ def _judge(
         x, y, w, h = state.box
         box = Box(x - state.origin[0], y - state.origin[1], w, h).moved(*moves.velocity)
     return _Outcome(
-        box, _next_velocity(state, moves, occlusion), _next_linear(state, moves, hidden), occlusion, share
+        box, _next_velocity(state, moves, occlusion, params), _next_linear(state, moves, hidden), occlusion, share
     )
 
 
-def _next_velocity(state: LayersState, moves: motion.Moves, occlusion: Occlusion) -> tuple[float, float]:
+def _next_velocity(
+    state: LayersState, moves: motion.Moves, occlusion: Occlusion, params: LayersParams
+) -> tuple[float, float]:
     (vx, vy), (mx, my) = state.velocity, moves.velocity
     if occlusion.occluded and not state.occlusion.occluded:
         vx, vy = hiding.remembered_speed(occlusion)
         return vx + moves.camera[0], vy + moves.camera[1]
     if occlusion.coasting:
-        slow = 0.9 if occlusion.coasting > 20 else 1.0
+        slow = 0.9 if occlusion.coasting > params.max_coast else 1.0
         return vx * slow, vy * slow
     rate = 0.05 if occlusion.occluded else 0.6
     return vx + rate * (mx - vx), vy + rate * (my - vy)
