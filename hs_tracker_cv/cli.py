@@ -151,17 +151,9 @@ class _Tally:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
-    _end_in_order()
     try:
-        if arguments[:1] == ["warmup"]:
-            return _warmup()
-        if arguments[:1] == ["app"]:
-            from .app import serve
-
-            page = _parsed(AppOptions, arguments[1:], f"{PROGRAM} app")
-            return serve(page.video, port=page.port, show=not page.no_show)
-        return _run(_parsed(Options, arguments, PROGRAM))
+        with _termination_as_interrupt():
+            return _command(sys.argv[1:] if arguments is None else list(arguments))
     except UsageError as error:
         return _complain(error, USAGE)
     except (VideoError, InputError, OSError, ImportError) as error:
@@ -170,10 +162,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
-def _end_in_order() -> None:
+def _command(arguments: list[str]) -> int:
+    if arguments[:1] == ["warmup"]:
+        return _warmup()
+    if arguments[:1] == ["app"]:
+        from .app import serve
+
+        page = _parsed(AppOptions, arguments[1:], f"{PROGRAM} app")
+        return serve(page.video, port=page.port, show=not page.no_show)
+    return _run(_parsed(Options, arguments, PROGRAM))
+
+
+@contextlib.contextmanager
+def _termination_as_interrupt() -> Iterator[None]:
     """Treat a request to terminate as Ctrl-C: files are finished and servers ended."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _complain(error: Exception, code: int) -> int:
+    print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
+    return code
 
 
 def _parsed(kind: type[Kind], arguments: Sequence[str], program: str) -> Kind:
@@ -188,11 +203,6 @@ def _parsed(kind: type[Kind], arguments: Sequence[str], program: str) -> Kind:
     lines = [line.strip("│ ") for line in words.getvalue().splitlines() if line.startswith("│")]
     meant = itertools.takewhile(lambda line: "──" not in line, lines)
     raise UsageError(" ".join(meant) or words.getvalue())
-
-
-def _complain(error: Exception, code: int) -> int:
-    print(f"{PROGRAM}: {' '.join(str(error).split())}", file=sys.stderr)
-    return code
 
 
 def _warmup() -> int:
