@@ -16,6 +16,7 @@ from .flow_run import picture_path
 from .flow_tables import pair_table, summary_table
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["error_by_pair", "error_over_time", "picture_grid", "save_plots"]
@@ -87,8 +88,6 @@ def error_over_time(table: pd.DataFrame) -> Figure:
     axes = figure.subplots()
     for family, part in summary[summary["family"] != "null"].groupby("family", sort=False):
         axes.scatter(part["ms"], part["aepe"], s=36, color=FAMILY_COLORS.get(str(family), "black"), label=str(family))
-        for name, row in part.iterrows():
-            axes.annotate(str(name), (row["ms"], row["aepe"]), xytext=(5, 3), textcoords="offset points", fontsize=8)
     for name, row in summary[summary["family"] == "null"].iterrows():
         axes.axhline(row["aepe"], color=FAMILY_COLORS["null"], linestyle="--", label=f"{name} flow")
     front = _pareto(summary[summary["family"] != "null"])
@@ -107,7 +106,27 @@ def error_over_time(table: pd.DataFrame) -> Figure:
     axes.grid(alpha=0.2)
     axes.legend(fontsize=8)
     axes.set_title(f"Flow methods on {table['pair'].nunique()} pairs with true flow")
+    moving = summary[summary["family"] != "null"]
+    _label_points(figure, axes, {str(name): (row["ms"], row["aepe"]) for name, row in moving.iterrows()})
     return figure
+
+
+def _label_points(figure: Figure, axes: Axes, points: dict[str, tuple[float, float]]) -> None:
+    """Write a name beside each point, on the first of several sides where it covers no other name or point."""
+    figure.draw_without_rendering()  # settles the axes, so that positions on the page are known
+    places = {name: axes.transData.transform(point) for name, point in points.items()}
+    taken = [(x - 4, y - 4, x + 4, y + 4) for x, y in places.values()]
+    for name, (x, y) in places.items():
+        width, height = 6.2 * len(name), 11
+        sides = [(dx, dy) for dx in (7.0, -7.0 - width) for dy in (4.0, -14.0, -5.0)]
+        boxes = [(x + dx, y + dy, x + dx + width, y + dy + height) for dx, dy in sides]
+        chosen = next((i for i, box in enumerate(boxes) if not any(_overlap(box, other) for other in taken)), 0)
+        taken.append(boxes[chosen])
+        axes.annotate(name, points[name], xytext=sides[chosen], textcoords="offset pixels", fontsize=8)
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _pareto(summary: pd.DataFrame) -> pd.DataFrame:
