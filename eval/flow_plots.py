@@ -33,6 +33,9 @@ FAMILY_COLORS = {
 TILE_WIDTH, TILE_HEIGHT, CAPTION_HEIGHT = 200, 170, 16
 """Room of one picture in a grid and of the words below it, px."""
 
+LABEL_WIDTH = 140
+"""Room of the methods' names, px."""
+
 PAIRS_PER_GRID = 8
 
 
@@ -192,7 +195,7 @@ def picture_grid(table: pd.DataFrame, methods: list[str], pairs: list[str], out:
 
 
 def _label(text: str, legend: bool = False) -> NDArray[np.uint8]:
-    label = np.full((TILE_HEIGHT, 110, 3), 255, np.uint8)
+    label = np.full((TILE_HEIGHT, LABEL_WIDTH, 3), 255, np.uint8)
     if legend:
         label[20:120, 5:105] = wheel_legend(100)
     _write(label, text, (4, TILE_HEIGHT // 2))

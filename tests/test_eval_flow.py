@@ -485,7 +485,7 @@ def test_plots_are_made_even_with_a_failed_row(tmp_path):
     files = flow_plots.save_plots(table, tmp_path)
     assert [file.name for file in files] == ["flow-time.png", "flow-pairs.png", "flow-pictures-1.png"]
     shapes = [cv2.imread(str(file)).shape for file in files]
-    assert shapes[2] == (5 * flow_plots.TILE_HEIGHT, 110 + 3 * flow_plots.TILE_WIDTH, 3)
+    assert shapes[2] == (5 * flow_plots.TILE_HEIGHT, flow_plots.LABEL_WIDTH + 3 * flow_plots.TILE_WIDTH, 3)
     assert flow_plots.save_plots(table[table["aepe"].isna()], tmp_path) == []
 
 
