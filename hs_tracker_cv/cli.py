@@ -278,10 +278,10 @@ def _follow(source: VideoSource, roi: Box | None, options: Options) -> int:
             csv.writer(table).writerow(COLUMNS)
             for step in steps(source.frames, roi, show=panels is not None, max_frames=options.max_frames):
                 _write_row(table, step)
+                tally.add(step)
                 overlay_sink.write(draw_box(step.frame, step.box, **_labels(step)))
                 if panel_sink is not None:
                     panel_sink.write(render_panels(step.frame, step.fields, step.box, **_labels(step)))
-                tally.add(step)
                 progress.update(task, advance=1, description=f"{source.name}  {step.state}")
     except (VideoError, InputError, OSError) as error:
         code = _complain(error, FAILURE)

@@ -128,9 +128,10 @@ def draw_box(
 
 def _as_bgr(image: Any) -> Picture:
     frame = as_frame(image)
-    window = crop(frame, 0, 0, frame.width, frame.height)
-    picture = np.clip(np.rint(window), 0, 255).astype(np.uint8)
-    return picture.copy() if frame.channels == 3 else _gray_to_bgr(picture[:, :, 0])
+    pixels = frame.pixels
+    if pixels.dtype != np.uint8:
+        pixels = np.rint(crop(frame, 0, 0, frame.width, frame.height)).astype(np.uint8)
+    return np.array(pixels, order="C") if frame.channels == 3 else _gray_to_bgr(pixels[:, :, 0])
 
 
 def _gray_to_bgr(gray: NDArray[Any]) -> Picture:
