@@ -9,6 +9,7 @@ but only where the two overlap. :mod:`~hs_tracker_cv.propagation` uses the one t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -54,7 +55,7 @@ def hann(height: int, width: int) -> F32:
     return np.outer(rows, columns).astype(np.float32)
 
 
-def features(gray: F32, likelihood: F32 | None, window: F32, kind: int = 0, raw: F32 | None = None) -> F32:
+def features(gray: F32, likelihood: F32 | None, window: F32) -> F32:
     """Channels of the filter: log-gray, the gradient's direction, and the colour likelihood when there is one.
 
     Parameters
@@ -71,8 +72,6 @@ def features(gray: F32, likelihood: F32 | None, window: F32, kind: int = 0, raw:
     ndarray, shape (C, h, w), float32
         C is 3 or 4; each channel of zero mean under the window and about unit variance.
     """
-    if kind >= 1:
-        return _features_b(gray, likelihood, window, kind, raw)
     out = np.empty((3 if likelihood is None else 4, *gray.shape), np.float32)
     light = cv2.log(gray + np.float32(8.0))
     mean, deviation = cv2.meanStdDev(light)
@@ -158,10 +157,13 @@ def find_peak(score: F32) -> Peak:
 
 
 def correlation(a: F32, b: F32, weights: F32) -> float:
-    """Weighted cross-correlation of two patches of zero weighted mean, −1 to 1; `weights` sum to 1."""
-    wa = weights * a
-    aa, bb, ab = float(np.vdot(wa, a)), float(np.vdot(weights * b, b)), float(np.vdot(wa, b))
-    return ab / float(np.sqrt(aa * bb + 1e-6))
+    """Weighted normalised cross-correlation of two patches, −1 to 1."""
+    total = float(weights.sum())
+    a = a - np.float32(float(np.vdot(weights, a)) / total)
+    b = b - np.float32(float(np.vdot(weights, b)) / total)
+    weighted = weights * a
+    power = float(np.vdot(weighted, a)) * float(np.vdot(weights * b, b))
+    return float(np.vdot(weighted, b)) / math.sqrt(power + 1e-6)
 
 
 def _transform(plane: F32) -> C64:
@@ -175,38 +177,3 @@ def _power(spectrum: C64) -> F32:
 def _vertex(left: float, middle: float, right: float) -> float:
     curve = left - 2.0 * middle + right
     return 0.0 if curve >= 0.0 else min(max(0.5 * (left - right) / curve, -0.5), 0.5)
-
-
-def _features_b(gray, likelihood, window, kind, raw):
-    chans = []
-    light = cv2.log(gray + np.float32(8.0))
-    mean, deviation = cv2.meanStdDev(light)
-    chans.append((light - mean[0, 0]) / (deviation[0, 0] + 0.05))
-    gx = cv2.Sobel(gray, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
-    gy = cv2.Sobel(gray, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
-    length = cv2.magnitude(gx, gy)
-    if kind & 1:  # local normalisation
-        length = cv2.blur(length, (5, 5)) + np.float32(0.1 * float(length.mean()) + 1.0)
-    else:
-        length += np.float32(0.5 * float(length.mean()) + 1.0)
-    nx, ny = gx / length * np.float32(1.5), gy / length * np.float32(1.5)
-    if kind & 2:
-        for a, b in ((1, 0), (0, 1), (0.7071, 0.7071), (0.7071, -0.7071)):
-            d = np.float32(a) * nx + np.float32(b) * ny
-            for e in (np.maximum(d, 0), np.maximum(-d, 0)):
-                e = cv2.blur(e, (3, 3))
-                chans.append(2 * (e - float(e.mean())))
-    else:
-        chans += [nx, ny]
-    if likelihood is not None:
-        chans.append((likelihood - np.float32(likelihood.mean())) * np.float32(3.0))
-    if kind & 4 and raw is not None and raw.shape[2] == 3:
-        total = raw.sum(axis=2) + np.float32(30)
-        for c in (0, 2):
-            r = raw[..., c] / total
-            chans.append((r - float(r.mean())) / np.float32(float(r.std()) + 0.02))
-    if kind & 8:
-        chans = chans[1:]
-    out = np.stack(chans).astype(np.float32)
-    out *= window
-    return out

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["fit_motion", "residual_weights", "sample"]
+__all__ = ["fit_motion", "misfit", "residual_weights", "sample"]
 
 F32 = NDArray[np.float32]
 
@@ -199,3 +199,24 @@ def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
         else:
             median = 1.0
     motion[0], motion[1], motion[2], motion[3], motion[4], motion[5] = tx, ty, sx, sy, scale, median
+
+
+@njit(cache=True, nogil=True)
+def misfit(flow: Any, motion: Any, square: Any) -> None:
+    """Squared distance of a flow field from a fitted motion.
+
+    Parameters
+    ----------
+    flow : ndarray, shape (H, W, 2), float32
+    motion : ndarray, shape (6,), float64
+        From :func:`fit_motion`.
+    square : ndarray, shape (H, W), float32
+        Receives the squared distance, samples².
+    """
+    height, width = square.shape
+    mx, my = 0.5 * (width - 1), 0.5 * (height - 1)
+    for y in range(height):
+        for x in range(width):
+            du = flow[y, x, 0] - motion[0] - motion[4] * (x - mx)
+            dv = flow[y, x, 1] - motion[1] - motion[4] * (y - my)
+            square[y, x] = du * du + dv * dv

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -33,6 +33,10 @@ F32 = NDArray[np.float32]
 
 _COLOUR_THRESHOLD = 2.0
 _CONTRAST = 32.0
+_MASK_FLOOR = 0.15
+_MIN_SIDE = 6.0
+_LOOKS, _SPIRAL = 4, 60
+_GOOD, _WEAK, _BAD = "good", "weak", "bad"
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,21 @@ class PropagationParams:
     key_gap : int
         Fewest good frames between two new keyframes.
     patience : int
-        Frames of bad agreement that are still followed before the object counts as lost.
+        Bad frames bridged by the velocity before the object counts as lost.
+    confidence : float
+        Least sum of peak height and agreement with the first keyframe that is believed.
+    weak : float
+        A peak lower than this share of its running mean makes the search look around.
+    recentre : float
+        Displacement, in coarse samples, beyond which the window is looked at again round the peak.
+    far, far_level : float
+        A displacement from the prediction over `far` box sizes needs a peak of `far_level` of its running mean.
+    near, near_level, follow_level : float
+        Any other needs `near_level`; within `near` box sizes, `follow_level` is enough to follow without learning.
+    separation : float
+        Difference of motion, fine samples per frame, from which object and surroundings are told apart.
+    mask_rate : float
+        Share of one frame in the memory of which pixels move with the object.
     """
 
     fine_size: float = 32.0
@@ -92,7 +110,16 @@ class PropagationParams:
     keys: int = 4
     key_gap: int = 8
     patience: int = 3
-    kind: int = 0
+    confidence: float = 0.4
+    weak: float = 0.5
+    recentre: float = 4.0
+    far: float = 0.6
+    far_level: float = 0.75
+    near: float = 0.35
+    near_level: float = 0.45
+    follow_level: float = 0.4
+    separation: float = 0.3
+    mask_rate: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -123,9 +150,11 @@ class _Geometry:
     coarse_step: float
     inner: F32
     weights: F32
+    outside: F32
     window: F32
     inside: NDArray[np.bool_]
-    distance: F32
+    across: F32
+    down: F32
 
 
 @dataclass(frozen=True)
@@ -143,8 +172,10 @@ class PropagationReport:
     lost : bool
         Searching.
     debug : dict
-        `flow` (h, w, 2) in fine samples, `previous` and `current` fine patch, `pose` (cx, cy, sx, sy), `ncc`,
-        `peak`, `keys` (agreement with each keyframe).
+        `flow` (h, w, 2) in fine samples, between the fine patches `previous` and `current`; `pose` (cx, cy,
+        scale x, scale y) of `current`; `ncc`, its agreement with the mean patch; `peak` and `response` of the
+        correlation filter; `keys`, the agreement with each keyframe; `mask`, how far each pixel belongs to the
+        object's motion; `verdict`, one of "good", "weak" and "bad".
     """
 
     box: Box
@@ -161,6 +192,7 @@ class _Model:
     previous: F32
     mean: F32
     deviation: F32
+    mask: F32
     keys: tuple[F32, ...]
     key_age: int
     histograms: F32 | None
@@ -176,8 +208,8 @@ class PropagationState:
     pose: Pose
     velocity: tuple[float, float]
     model: _Model
-    agreement: float
     peak: float
+    good_frames: int
     low: int
     report: PropagationReport
 
@@ -201,16 +233,20 @@ class _View:
         """Normalised gray patch at a pose: zero mean under the inner weights, deviation about 32."""
         g = self._geometry
         gray = self._sample(pose, g.fine_step, *g.weights.shape, gray=True)[:, :, 0]
-        gray = cv2.GaussianBlur(gray, (3, 3), 0.7)
+        gray = np.asarray(cv2.GaussianBlur(gray, (3, 3), 0.7), np.float32)
         mean = float(np.vdot(g.inner, gray))
         gray -= np.float32(mean)
         deviation = math.sqrt(max(float(np.vdot(g.inner, gray * gray)), 0.0))
         gray *= np.float32(_CONTRAST / (deviation + 4.0))
-        return np.asarray(gray, np.float32)
+        return gray
 
     def fine_colour(self, pose: Pose) -> F32:
         """Raw patch (h, w, C) at a pose, on the lattice of :meth:`fine`."""
         return self._sample(pose, self._geometry.fine_step, *self._geometry.weights.shape, gray=False)
+
+    def contains(self, pose: Pose) -> bool:
+        """Whether the pose's centre lies in the frame."""
+        return 0 <= pose.cx / self._thin < self._frame.width and 0 <= pose.cy / self._thin < self._frame.height
 
     def coarse(self, pose: Pose) -> F32:
         """Raw window (h, w, C) of the correlation filter at a pose."""
@@ -257,18 +293,19 @@ def _geometry(box: Box, p: PropagationParams) -> _Geometry:
     nw, nh = box.w / fine_step, box.h / fine_step
     fw, fh = (2 * round((n + 2 * p.fine_margin) / 2) for n in (nw, nh))
     y, x = np.mgrid[:fh, :fw].astype(np.float32)
-    r2 = ((x - (fw - 1) / 2) / (nw / 2)) ** 2 + ((y - (fh - 1) / 2) / (nh / 2)) ** 2
-    weights = np.exp(-((r2 / 0.9**2) ** 2)).astype(np.float32)
-    inner = np.exp(-((r2 / 0.85**2) ** 2)).astype(np.float32)
+    x, y = (x - (fw - 1) / 2) / (nw / 2), (y - (fh - 1) / 2) / (nh / 2)
+    square = x * x + y * y
+    weights = np.exp(-((square / 0.9**2) ** 2))
+    inner = np.exp(-((square / 0.85**2) ** 2))
+    outside = np.maximum(np.abs(x), np.abs(y)) > 1.1
     cw, ch = (cv2.getOptimalDFTSize(round(n / coarse_step / 2 + p.coarse_margin)) * 2 for n in (box.w, box.h))
-    y, x = np.mgrid[:ch, :cw]
-    inside = (abs(x - (cw - 1) / 2) * coarse_step < 0.45 * box.w) & (
-        abs(y - (ch - 1) / 2) * coarse_step < 0.45 * box.h
-    )
-    distance = ((x - cw // 2) * coarse_step / box.w) ** 2 + ((y - ch // 2) * coarse_step / box.h) ** 2
+    y, x = np.mgrid[:ch, :cw].astype(np.float32)
+    x, y = x * (coarse_step / box.w), y * (coarse_step / box.h)
+    across, down = x - x[0, cw // 2], y - y[ch // 2, 0]
+    inside = (np.abs(x - x[0, -1] / 2) < 0.45) & (np.abs(y - y[-1, 0] / 2) < 0.45)
     return _Geometry(
-        box.w, box.h, fine_step, coarse_step, inner / inner.sum(), weights,
-        anchor.hann(ch, cw), inside, distance.astype(np.float32),
+        box.w, box.h, fine_step, coarse_step, (inner / inner.sum()).astype(np.float32), weights.astype(np.float32),
+        outside.astype(np.float32), anchor.hann(ch, cw), inside, across, down,
     )  # fmt: skip
 
 
@@ -284,22 +321,22 @@ def _histograms(raw: F32, inside: NDArray[np.bool_]) -> F32:
     count = 64 if raw.shape[2] == 1 else 4096
     both = np.stack([np.bincount(bins[m], minlength=count) for m in (inside, ~inside)]).astype(np.float32)
     if raw.shape[2] == 1:
-        both = cv2.GaussianBlur(both, (7, 1), 1.5)
+        both = np.asarray(cv2.GaussianBlur(both, (7, 1), 1.5), np.float32)
     return np.asarray(both / np.maximum(both.sum(axis=1, keepdims=True), 1.0), np.float32)
 
 
 def _likelihood(histograms: F32) -> F32:
-    return (histograms[0] + np.float32(1e-4)) / (histograms[0] + histograms[1] + np.float32(2e-4))
+    share: F32 = (histograms[0] + np.float32(1e-4)) / (histograms[0] + histograms[1] + np.float32(2e-4))
+    return share
 
 
-def _foreground(raw: F32, likelihood: F32 | None) -> F32 | None:
-    if likelihood is None:
-        return None
+def _foreground(raw: F32, likelihood: F32) -> F32:
     return np.asarray(cv2.blur(likelihood.take(_bins(raw)), (3, 3)), np.float32)
 
 
-def _channels(raw: F32, model_likelihood: F32 | None, g: _Geometry, p: PropagationParams) -> F32:
-    return anchor.features(to_gray(raw), _foreground(raw, model_likelihood), g.window, p.kind, raw)
+def _channels(raw: F32, likelihood: F32 | None, g: _Geometry) -> F32:
+    foreground = None if likelihood is None else _foreground(raw, likelihood)
+    return anchor.features(to_gray(raw), foreground, g.window)
 
 
 def _box(g: _Geometry, pose: Pose) -> Box:
@@ -323,8 +360,14 @@ def start(frame: Frame, box: Box, params: PropagationParams) -> PropagationState
     g = _geometry(box, params)
     pose = Pose(box.x + box.w / 2 - 0.5, box.y + box.h / 2 - 0.5, 1.0, 1.0)
     view = _View(frame, g, pose)
-    report = PropagationReport(box, True, 1.0, False)
-    return PropagationState(g, pose, (0.0, 0.0), _first_model(view, g, pose, params), 1.0, 1.0, 0, report)
+    model = _first_model(view, g, pose, params)
+    patch = model.previous
+    debug = {
+        "flow": np.zeros((*patch.shape, 2), np.float32), "previous": patch, "current": patch, "pose": astuple(pose),
+        "ncc": 1.0, "peak": 1.0, "keys": [1.0], "response": np.zeros_like(g.window), "mask": model.mask,
+        "verdict": _GOOD,
+    }  # fmt: skip
+    return PropagationState(g, pose, (0.0, 0.0), model, 1.0, 1, 0, PropagationReport(box, True, 1.0, False, debug))
 
 
 def _first_model(view: _View, g: _Geometry, pose: Pose, p: PropagationParams) -> _Model:
@@ -333,8 +376,8 @@ def _first_model(view: _View, g: _Geometry, pose: Pose, p: PropagationParams) ->
     if raw.shape[2] == 1 or float(np.abs(raw[:, :, 0] - raw[:, :, 2]).mean()) > _COLOUR_THRESHOLD:
         histograms = _histograms(raw, g.inside)
         likelihood = _likelihood(histograms)
-    located = anchor.train(_channels(raw, likelihood, g, p), p.filter_sigma)
-    return _Model(fine, fine, np.zeros_like(fine), (fine,), 0, histograms, likelihood, located)
+    located = anchor.train(_channels(raw, likelihood, g), p.filter_sigma)
+    return _Model(fine, fine, np.zeros_like(fine), np.ones_like(fine), (fine,), 0, histograms, likelihood, located)
 
 
 def step(state: PropagationState, frame: Frame, params: PropagationParams) -> PropagationState:
@@ -352,99 +395,179 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     PropagationState
         Its `report` holds the box.
     """
-    p, g, old = params, state.geometry, state.pose
-    view = _View(frame, g, old.moved(*state.velocity))
-    coarse, peak, response = _find(state, view, p)
-    pose, current, agreement, prior, flow = _carry(state, view, coarse, p)
-    pose, keys = _hold(state, view, pose, current, prior, p)
-    best = max(agreement, *keys)
-    good = best > 0.6 * state.agreement or (state.low == 0 and peak > 0.5 * state.peak)
-    pose = _gate_scale(pose, old, best, g, frame)
-    low = 0 if good else state.low + 1
-    lost = low > p.patience
-    velocity = state.velocity
-    if good and state.low <= p.patience:
-        step_x, step_y = pose.cx - old.cx, pose.cy - old.cy
-        velocity = tuple(v + p.velocity_rate * (d - v) for v, d in zip(velocity, (step_x, step_y), strict=True))
-    elif lost:
-        velocity, pose = (0.0, 0.0), old
-    elif not good:
-        velocity = (0.5 * velocity[0], 0.5 * velocity[1])
-    model = state.model
-    if not lost:
-        model = replace(model, previous=view.fine(pose))
-    if good:
-        model = _learn(model, view, g, pose, agreement, max(keys), p)
-        rate = 0.05
-        state = replace(
-            state,
-            agreement=state.agreement + rate * (best - state.agreement),
-            peak=state.peak + rate * (peak - state.peak),
-        )
-    score = min(max(0.5 * best / state.agreement + 0.5 * peak / state.peak, 0.0), 1.0)
-    debug = {
-        "flow": flow, "previous": state.model.previous, "current": current,
-        "pose": (pose.cx, pose.cy, pose.sx, pose.sy), "ncc": agreement, "peak": peak, "keys": keys,
-        "q": best, "n": agreement, "good": good, "response": response,
-    }  # fmt: skip
-    report = PropagationReport(_box(g, pose), not lost, score, lost, debug)
-    return replace(state, pose=pose, velocity=velocity, model=model, low=low, report=report)
+    g, expected = state.geometry, state.pose.moved(*state.velocity)
+    view = _View(frame, g, expected)
+    found = _find(state, view, expected, params)
+    carried = _carry(state, view, found.pose, params)
+    pose, keys = _hold(state, view, carried, params)
+    pose = _gate_scale(pose, state.pose, max(carried.agreement, *keys), g, frame)
+    verdict = _judge(state, frame, pose, expected, found.height, keys[0], params)
+    pose, velocity, low = _settle(state, pose, found.pose, verdict, params)
+    lost = low > params.patience
+    model = state.model if lost else replace(state.model, previous=view.fine(pose))
+    peak, good_frames = state.peak, state.good_frames
+    if verdict == _GOOD:
+        model = _learn(model, view, g, pose, carried, max(keys), params)
+        good_frames += 1
+        peak += max(0.05, 1.0 / good_frames) * (found.height - peak)
+    report = PropagationReport(
+        _box(g, pose), not lost, _score(found.height + keys[0]), lost,
+        {
+            "flow": carried.flow, "previous": state.model.previous, "current": carried.seen_at_start,
+            "pose": astuple(found.pose), "ncc": carried.agreement, "peak": found.height, "keys": keys,
+            "response": found.response, "mask": model.mask, "verdict": verdict,
+        },
+    )  # fmt: skip
+    return PropagationState(g, pose, velocity, model, peak, good_frames, low, report)
 
 
-def _find(state: PropagationState, view: _View, p: PropagationParams) -> tuple[Pose, float, F32]:
+@dataclass(frozen=True)
+class _Found:
+    """Answer of the correlation filter: `value` is its height less the distance penalty."""
+
+    value: float
+    pose: Pose
+    height: float
+    response: F32
+
+
+def _look(state: PropagationState, view: _View, at: Pose, expected: Pose, penalty: float) -> _Found:
+    """Best place in the window at a pose."""
     g = state.geometry
-    lost = max(state.low - p.patience, 0)
-    zoom = (1.0, 0.85, 1.0, 1.18)[state.low % 4] if lost else 1.0
-    at = state.pose.moved(*state.velocity).scaled(zoom)
-    response = anchor.respond(state.model.located, _channels(view.coarse(at), state.model.likelihood, g, p))
-    top = anchor.find_peak(response - np.float32(p.distance_penalty / (1 + lost)) * g.distance)
+    response = anchor.respond(state.model.located, _channels(view.coarse(at), state.model.likelihood, g))
+    across = g.across + np.float32((at.cx - expected.cx) / (g.w * expected.sx))
+    down = g.down + np.float32((at.cy - expected.cy) / (g.h * expected.sy))
+    fade: F32 = np.float32(penalty) * (across * across + down * down)
+    top = anchor.find_peak(response - fade)
     rows, columns = response.shape
-    height = float(response[min(round(top.dy) + rows // 2, rows - 1), min(round(top.dx) + columns // 2, columns - 1)])
-    return at.moved(top.dx * g.coarse_step * at.sx, top.dy * g.coarse_step * at.sy), height, response
+    row, column = min(round(top.dy) + rows // 2, rows - 1), min(round(top.dx) + columns // 2, columns - 1)
+    pose = at.moved(top.dx * g.coarse_step * at.sx, top.dy * g.coarse_step * at.sy)
+    return _Found(top.height, pose, float(response[row, column]), response)
+
+
+def _find(state: PropagationState, view: _View, expected: Pose, p: PropagationParams) -> _Found:
+    g = state.geometry
+    penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
+    best = _look(state, view, expected, expected, penalty)
+    if best.height < p.weak * state.peak:
+        for across, down in _elsewhere(state.low - p.patience):
+            at = state.pose.moved(across * g.w * state.pose.sx, down * g.h * state.pose.sy)
+            if view.contains(at):
+                best = max(best, _look(state, view, at, expected, penalty), key=lambda found: found.value)
+    moved = math.hypot(best.pose.cx - expected.cx, best.pose.cy - expected.cy)
+    if moved > p.recentre * g.coarse_step * expected.sx:
+        # The window fades what is far from its centre: only a second look says how high the peak really is.
+        best = _look(state, view, best.pose, expected, penalty)
+    return best
+
+
+def _elsewhere(lost: int) -> list[tuple[float, float]]:
+    """Where else to look, in box sizes from the last pose: all round it; once lost, along a growing spiral."""
+    if lost <= 0:
+        return [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)]
+    first = (_LOOKS * lost) % min(_LOOKS * lost + 1, _SPIRAL)
+    steps = [(0.8 * math.sqrt(i + 1.0), 2.399963 * i) for i in range(first, first + _LOOKS)]
+    return [(radius * math.cos(angle), radius * math.sin(angle)) for radius, angle in steps]
+
+
+def _fit(flow: F32, weight: F32) -> NDArray[np.float64]:
+    motion = np.empty(6)
+    patches.fit_motion(flow, weight, motion)
+    return motion
 
 
 def _register(
-    key: F32, current: F32, pose: Pose, prior: F32, g: _Geometry, p: PropagationParams, levels: int, limit: float
-) -> tuple[Pose, F32]:
-    """Pose of the object that looks like `key`, from the flow key → current patch (sampled at `pose`)."""
-    flow = _flow(key, current, p, levels)
-    weight, motion = np.empty_like(prior), np.empty(6)
+    key: F32, current: F32, prior: F32, p: PropagationParams, levels: int
+) -> tuple[F32, F32, NDArray[np.float64]]:
+    """Flow key → current, the weight of each pixel and the motion fitted to it."""
+    flow, weight = _flow(key, current, p, levels), np.empty_like(prior)
     patches.residual_weights(key, current, flow, prior, weight)
-    patches.fit_motion(flow, weight, motion)
-    tx, ty, _, _, scale, _ = motion.tolist()
-    moved = pose.moved(g.fine_step * pose.sx * tx, g.fine_step * pose.sy * ty)
-    return moved.scaled(1.0 + min(max(scale, -limit), limit)), flow
+    return flow, weight, _fit(flow, weight)
 
 
-def _carry(
-    state: PropagationState, view: _View, coarse: Pose, p: PropagationParams
-) -> tuple[Pose, F32, float, F32, F32]:
+def _applied(pose: Pose, motion: NDArray[np.float64], g: _Geometry, limit: float) -> Pose:
+    moved = pose.moved(g.fine_step * pose.sx * float(motion[0]), g.fine_step * pose.sy * float(motion[1]))
+    return moved.scaled(1.0 + min(max(float(motion[4]), -limit), limit))
+
+
+def _separate(
+    previous: F32,
+    current: F32,
+    flow: F32,
+    weight: F32,
+    motion: NDArray[np.float64],
+    g: _Geometry,
+    p: PropagationParams,
+) -> tuple[NDArray[np.float64], F32 | None]:
+    """Fit the object's motion again without the pixels that move with the surroundings.
+
+    Returns
+    -------
+    motion : ndarray, shape (6,)
+    belongs : ndarray, shape (h, w), float32, or None
+        Share of "moves with the object" per pixel; None where the two motions cannot be told apart.
+    """
+    around, square = np.empty_like(weight), np.empty_like(weight)
+    patches.residual_weights(previous, current, flow, g.outside, around)
+    if float(around.sum()) < 10.0:
+        return motion, None
+    background = _fit(flow, around)
+    patches.misfit(flow, background, square)
+    spread = 0.25 + 1.5 * float(background[5])
+    apart = weight * (np.float32(1.0) - np.exp(square * np.float32(-0.5 / spread**2)))
+    if float(apart.sum()) < 0.25 * float(weight.sum()) + 1e-3:
+        return motion, None
+    motion = _fit(flow, apart)
+    if math.hypot(motion[0] - background[0], motion[1] - background[1]) < p.separation:
+        return motion, None
+    own = np.empty_like(weight)
+    patches.misfit(flow, motion, own)
+    return motion, square / (square + own + np.float32(0.02))
+
+
+@dataclass(frozen=True)
+class _Carried:
+    """Answer of the flow between frames: pose, what is seen there, and how well it agrees with the mean patch."""
+
+    pose: Pose
+    current: F32
+    agreement: float
+    prior: F32
+    flow: F32
+    weight: F32
+    belongs: F32 | None
+    seen_at_start: F32
+
+
+def _carry(state: PropagationState, view: _View, coarse: Pose, p: PropagationParams) -> _Carried:
     g, model = state.geometry, state.model
     current = view.fine(coarse)
-    prior = g.weights / (np.float32(1.0) + (model.deviation * np.float32(0.1)) ** 2)
-    foreground = None if model.likelihood is None else _foreground(view.fine_colour(coarse), model.likelihood)
-    if foreground is not None:
-        prior *= np.float32(0.1) + foreground
-    before = anchor.correlation(current, model.mean, g.inner)
-    fine, flow = _register(model.previous, current, coarse, prior, g, p, p.levels, p.max_scale_step)
+    prior = g.weights * (np.float32(_MASK_FLOOR) + model.mask)
+    prior /= np.float32(1.0) + (model.deviation * np.float32(0.1)) ** 2
+    if model.likelihood is not None:
+        prior *= np.float32(0.1) + _foreground(view.fine_colour(coarse), model.likelihood)
+    flow, weight, motion = _register(model.previous, current, prior, p, p.levels)
+    motion, belongs = _separate(model.previous, current, flow, weight, motion, g, p)
+    fine = _applied(coarse, motion, g, p.max_scale_step)
     patch = view.fine(fine)
+    before = anchor.correlation(current, model.mean, g.inner)
     agreement = anchor.correlation(patch, model.mean, g.inner)
     if agreement < before - 0.02:
-        return coarse, current, before, prior, flow
+        return _Carried(coarse, current, before, prior, flow, weight, belongs, current)
     trust = min(max((agreement - 0.3) / 0.4, 0.0), 1.0)
     fine = replace(fine, cx=coarse.cx + trust * (fine.cx - coarse.cx), cy=coarse.cy + trust * (fine.cy - coarse.cy))
-    return fine, patch, agreement, prior, flow
+    return _Carried(fine, patch, agreement, prior, flow, weight, belongs, current)
 
 
-def _hold(
-    state: PropagationState, view: _View, pose: Pose, current: F32, prior: F32, p: PropagationParams
-) -> tuple[Pose, list[float]]:
-    g = state.geometry
-    scores = [anchor.correlation(current, key, g.inner) for key in state.model.keys]
+def _hold(state: PropagationState, view: _View, carried: _Carried, p: PropagationParams) -> tuple[Pose, list[float]]:
+    """Pose drawn half-way to the best keyframe, and the agreement with each keyframe."""
+    g, pose = state.geometry, carried.pose
+    scores = [anchor.correlation(carried.current, key, g.inner) for key in state.model.keys]
     best, found = 0.7, None
     for index in sorted(range(len(scores)), key=lambda i: -scores[i])[:2]:
         key = state.model.keys[index]
-        candidate, _ = _register(key, current, pose, prior, g, p, p.key_levels, p.max_key_scale)
+        _, _, motion = _register(key, carried.current, carried.prior, p, p.key_levels)
+        candidate = _applied(pose, motion, g, p.max_key_scale)
         score = anchor.correlation(view.fine(candidate), key, g.inner)
         if score > max(best, scores[index]):
             best, found = score, candidate
@@ -458,28 +581,79 @@ def _hold(
 def _gate_scale(pose: Pose, old: Pose, agreement: float, g: _Geometry, frame: Frame) -> Pose:
     factor = (pose.sx / old.sx) ** min(max((agreement - 0.5) / 0.4, 0.0), 1.0)
     side = math.sqrt(g.w * g.h * old.sx * old.sy) * factor
-    if not 6.0 <= side <= 0.9 * max(frame.width, frame.height):
+    if not _MIN_SIDE <= side <= 0.9 * max(frame.width, frame.height):
         factor = 1.0
     return Pose(pose.cx, pose.cy, old.sx * factor, old.sy * factor)
 
 
+def _judge(
+    state: PropagationState,
+    frame: Frame,
+    pose: Pose,
+    expected: Pose,
+    height: float,
+    first: float,
+    p: PropagationParams,
+) -> str:
+    """Believe the pose and learn, only follow, or reject it.
+
+    Peak height and agreement with the *first* keyframe tell a good box from a bad one far better than agreement
+    with what was learned lately: a mistake that has been learned agrees with itself.
+    """
+    g, level = state.geometry, height / max(state.peak, 1e-3)
+    jump = math.hypot(pose.cx - expected.cx, pose.cy - expected.cy)
+    jump /= math.sqrt(g.w * g.h * expected.sx * expected.sy)
+    box = _box(g, pose)
+    if box.clip(frame.width, frame.height).area < 0.2 * box.area:
+        return _BAD
+    if height + first > p.confidence and level > (p.far_level if jump > p.far else p.near_level):
+        return _GOOD
+    return _WEAK if jump < p.near and level > p.follow_level else _BAD
+
+
+def _settle(
+    state: PropagationState, pose: Pose, coarse: Pose, verdict: str, p: PropagationParams
+) -> tuple[Pose, tuple[float, float], int]:
+    """Pose and velocity to carry on with, and for how many frames the agreement has been bad."""
+    old, (vx, vy) = state.pose, state.velocity
+    if verdict == _GOOD:
+        if state.low > p.patience:
+            return pose, (vx, vy), 0
+        rate = p.velocity_rate
+        return pose, (vx + rate * (pose.cx - old.cx - vx), vy + rate * (pose.cy - old.cy - vy)), 0
+    if verdict == _WEAK:
+        return replace(coarse, sx=old.sx, sy=old.sy), (0.5 * vx, 0.5 * vy), min(state.low, p.patience)
+    low = state.low + 1
+    if low > p.patience:
+        return old, (0.0, 0.0), low
+    return old.moved(vx, vy), (0.5 * vx, 0.5 * vy), low
+
+
+def _score(evidence: float) -> float:
+    """Chance that the box is right, from peak height + agreement with the first keyframe (logistic fit)."""
+    return 1.0 / (1.0 + math.exp(-10.0 * (evidence - 0.55)))
+
+
 def _learn(
-    model: _Model, view: _View, g: _Geometry, pose: Pose, agreement: float, best_key: float, p: PropagationParams
+    model: _Model, view: _View, g: _Geometry, pose: Pose, carried: _Carried, best_key: float, p: PropagationParams
 ) -> _Model:
     patch, raw, rate = model.previous, view.coarse(pose), np.float32(p.patch_rate)
-    located = anchor.learn(model.located, _channels(raw, model.likelihood, g, p), p.filter_rate)
+    located = anchor.learn(model.located, _channels(raw, model.likelihood, g), p.filter_rate)
     histograms, likelihood = model.histograms, model.likelihood
     if histograms is not None:
         histograms = histograms + np.float32(p.colour_rate) * (_histograms(raw, g.inside) - histograms)
         likelihood = _likelihood(histograms)
     keys, age = model.keys, model.key_age + 1
-    if best_key < 0.7 and agreement > 0.6 and age >= p.key_gap:
+    if best_key < 0.7 and carried.agreement > 0.6 and age >= p.key_gap:
         keys, age = (keys[0], *keys[1:][2 - p.keys :], patch), 0
+    mask = model.mask
+    if carried.belongs is not None:
+        textured = carried.weight / (carried.weight + np.float32(0.2))
+        mask = mask + np.float32(p.mask_rate) * textured * (carried.belongs - mask)
     error = patch - model.mean
     return _Model(
-        previous=patch,
-        mean=model.mean + rate * error,
-        deviation=model.deviation + rate * (np.abs(error) - model.deviation),
+        previous=patch, mean=model.mean + rate * error,
+        deviation=model.deviation + rate * (np.abs(error) - model.deviation), mask=mask,
         keys=keys, key_age=age, histograms=histograms, likelihood=likelihood, located=located,
     )  # fmt: skip
 
@@ -496,7 +670,7 @@ def reseat(
     frame : Frame
         The frame `box` was found in.
     box : Box
-        Frame px.
+        Frame px; its shape may differ from the first one's.
     params : PropagationParams
     learn : bool
         Refresh what was learned with what is seen there.
@@ -504,22 +678,18 @@ def reseat(
     Returns
     -------
     PropagationState
-        Not lost; velocity from the displacement.
+        Not lost; the velocity follows from the displacement.
     """
-    g, old = state.geometry, state.pose
+    g = state.geometry
     pose = Pose(box.x + box.w / 2 - 0.5, box.y + box.h / 2 - 0.5, box.w / g.w, box.h / g.h)
     view = _View(frame, g, pose)
-    model = replace(state.model, previous=view.fine(pose))
+    patch = view.fine(pose)
+    model = replace(state.model, previous=patch)
     if learn:
-        agreement = anchor.correlation(model.previous, model.mean, g.inner)
-        best = max(anchor.correlation(model.previous, key, g.inner) for key in model.keys)
-        model = _learn(model, view, g, pose, agreement, best, params)
-    velocity = state.velocity
-    if state.low <= params.patience:
-        rate = params.velocity_rate
-        velocity = (
-            velocity[0] + rate * (pose.cx - old.cx - velocity[0]),
-            velocity[1] + rate * (pose.cy - old.cy - velocity[1]),
-        )
+        agreement = anchor.correlation(patch, model.mean, g.inner)
+        best = max(anchor.correlation(patch, key, g.inner) for key in model.keys)
+        seen = _Carried(pose, patch, agreement, g.weights, np.empty((0, 0, 2), np.float32), g.weights, None, patch)
+        model = _learn(model, view, g, pose, seen, best, params)
+    pose, velocity, low = _settle(state, pose, pose, _GOOD, params)
     report = replace(state.report, box=box, ok=True, lost=False)
-    return replace(state, pose=pose, velocity=velocity, model=model, low=0, report=report)
+    return replace(state, pose=pose, velocity=velocity, model=model, low=low, report=report)
