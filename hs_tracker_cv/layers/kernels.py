@@ -28,15 +28,17 @@ __all__ = [
 ]
 
 # Nothing here may be NaN: frames.crop has removed what is not finite. 'nnan' and 'ninf' stay off all the same.
-_FAST = {"contract", "reassoc", "nsz", "arcp"}
+# The error model is NumPy's: a test for zero at every division would double the time to compile.
+_kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 # Samples after which a background pixel is known; until then it must stay as it is from frame to frame.
 KNOWN = np.float32(3.0)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
-def _solve(a, b, n):
+@_kernel
+def _solve(a, b):
     """Solve the symmetric positive definite system a x = b in place (Cholesky); x is left in `b`."""
+    n = b.size
     for j in range(n):
         for k in range(j):
             b[j] -= a[j, k] * b[k]
@@ -52,13 +54,16 @@ def _solve(a, b, n):
         b[i] /= a[i, i]
 
 
-@njit(cache=True, nogil=True)
-def _select(values, n, middle):
-    """The value at place `middle` of sorted values[:n]; the order of `values` is destroyed."""
-    low, high = 0, n - 1
+@_kernel
+def _select(values, n, share):
+    """The value below which `share` of values[:n] lies; their order is destroyed."""
+    low = 0
+    high = n - 1
+    middle = int(share * n)
     while low < high:
         pivot = values[middle]
-        i, j = low, high
+        i = low
+        j = high
         while i <= j:
             while values[i] < pivot:
                 i += 1
@@ -77,7 +82,7 @@ def _select(values, n, middle):
     return values[middle]
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations, stride, inside):
     """Register `reference` in `image`: minimise Σ w ρ(I(p + a(p)) − g R(p) − b) over theta = (a, g, b), in place.
 
@@ -87,21 +92,31 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
     with no iterations that is all it does.
     """
     h, w, channels = reference.shape
-    cx, cy, unit = grid[0], grid[1], grid[2]
-    left, top, right, bottom = inside[0], inside[1], inside[2] - 1, inside[3] - 1
-    start = theta.copy()
+    cx = grid[0]
+    cy = grid[1]
+    unit = grid[2]
+    left = inside[0]
+    top = inside[1]
+    right = inside[2] - 1
+    bottom = inside[3] - 1
+    start = np.zeros(8)
+    for i in range(8):
+        start[i] = theta[i]
     normal = np.zeros((8, 8))
     rhs = np.zeros(8)
-    basis = np.ones(3)
+    basis = np.zeros(3)
+    basis[0] = 1.0
     cost = 0.0
     share = 1.0 / channels
     for iteration in range(iterations + 1):
         last = iteration == iterations
-        normal[:, :] = 0.0
-        rhs[:] = 0.0
+        for i in range(8):
+            rhs[i] = 0.0
+            for j in range(8):
+                normal[i, j] = 0.0
         gain = 1.0 + 0.01 * theta[6]
         bias = theta[7]
-        wanted, used, cost = 0.0, 0.0, 0.0
+        wanted = used = cost = 0.0
         for y in range(h):
             for x in range(y % stride, w, stride):
                 wt = weight[y, x]
@@ -114,17 +129,24 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
                 qy = y + theta[3] + theta[4] * basis[1] + theta[5] * basis[2]
                 if qx < left or qy < top or qx >= right or qy >= bottom:
                     continue
-                ix, iy = int(qx), int(qy)
-                fx, fy = qx - ix, qy - iy
-                xm, xp = max(x - 1, 0), min(x + 1, w - 1)
-                ym, yp = max(y - 1, 0), min(y + 1, h - 1)
-                sxx, sxy, syy, sxe, sye, sxr, syr, sx, sy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                srr, sr, sre, se, see = 0.0, 0.0, 0.0, 0.0, 0.0
+                ix = int(qx)
+                iy = int(qy)
+                fx = qx - ix
+                fy = qy - iy
+                xm = max(x - 1, 0)
+                xp = min(x + 1, w - 1)
+                ym = max(y - 1, 0)
+                yp = min(y + 1, h - 1)
+                sxx = sxy = syy = sxe = sye = sxr = syr = sx = sy = 0.0
+                srr = sr = sre = se = see = 0.0
                 for c in range(channels):
-                    i00, i01 = image[iy, ix, c], image[iy, ix + 1, c]
-                    i10, i11 = image[iy + 1, ix, c], image[iy + 1, ix + 1, c]
+                    i00 = image[iy, ix, c]
+                    i01 = image[iy, ix + 1, c]
+                    i10 = image[iy + 1, ix, c]
+                    i11 = image[iy + 1, ix + 1, c]
                     r = reference[y, x, c]
-                    gx0, gx1 = i01 - i00, i11 - i10
+                    gx0 = i01 - i00
+                    gx1 = i11 - i10
                     value = i00 + fx * gx0
                     value += fy * (i10 + fx * gx1 - value)
                     e = value - gain * r - bias
@@ -182,7 +204,7 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
         for i in range(8):
             normal[i, i] += prior[i] * wanted
             rhs[i] -= prior[i] * wanted * (theta[i] - start[i])
-        _solve(normal, rhs, 8)
+        _solve(normal, rhs)
         longest = max(np.sqrt(rhs[0] * rhs[0] + rhs[3] * rhs[3]), 1e-6)
         shorten = min(1.0, 1.5 / longest)
         for i in range(8):
@@ -190,13 +212,13 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
     return cost
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, points, theta):
     """Robust affine fit of `flow` on the object {log_odds > 0}, towards the prediction in `theta` (in place).
 
     Iteratively reweighted least squares, five rounds. Pixels count by their gradient (a flat pixel's flow is only
     its neighbours'), by the odds that they are the object and, when `young`, by their contrast to the camera.
-    `points` is a workspace (N, 7). Returns the scale of the residual, px.
+    `points` is a workspace (7, N). Returns the scale of the residual, px.
     """
     h, w = log_odds.shape
     n = 0
@@ -204,69 +226,83 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
     for y in range(1, h - 1):
         for x in range(1 + y % stride, w - 1, stride):
             s = log_odds[y, x]
-            if s <= 0.0 or n >= points.shape[0]:
+            if s <= 0.0 or n >= points.shape[1]:
                 continue
             gx = 0.5 * (gray[y, x + 1] - gray[y, x - 1])
             gy = 0.5 * (gray[y + 1, x] - gray[y - 1, x])
             g2 = gx * gx + gy * gy
-            u, v = flow[y, x, 0], flow[y, x, 1]
+            u = flow[y, x, 0]
+            v = flow[y, x, 1]
             wt = g2 / (g2 + 4.0 * noise * noise + 9.0) * min(max(0.5 * (s + 0.5), 0.1), 1.0)
             if young:
-                du, dv = u - camera[0], v - camera[1]
+                du = u - camera[0]
+                dv = v - camera[1]
                 wt *= min(1.0, (du * du + dv * dv) * 4.0 + 0.05)
-            points[n, 0] = (x - grid[0]) / grid[2]
-            points[n, 1] = (y - grid[1]) / grid[2]
-            points[n, 2] = u
-            points[n, 3] = v
-            points[n, 4] = wt
-            points[n, 5] = 0.0
+            points[0, n] = (x - grid[0]) / grid[2]
+            points[1, n] = (y - grid[1]) / grid[2]
+            points[2, n] = u
+            points[3, n] = v
+            points[4, n] = wt
+            points[5, n] = 0.0
             area += 1.0
             n += 1
     if n == 0:
         return 0.0
-    start = theta.copy()
+    start = np.zeros(6)
+    for i in range(6):
+        start[i] = theta[i]
     a = np.zeros((3, 3))
     bu = np.zeros(3)
     bv = np.zeros(3)
-    basis = np.ones(3)
+    basis = np.zeros(3)
+    basis[0] = 1.0
     scale = 1e3
     for _ in range(5):
-        a[:, :] = 0.0
         for i in range(3):
+            for j in range(3):
+                a[i, j] = 0.0
             a[i, i] = ridge[i] * area
             bu[i] = a[i, i] * start[i]
             bv[i] = a[i, i] * start[3 + i]
         for p in range(n):
-            r2 = points[p, 5] / (2.25 * scale * scale)
-            wt = points[p, 4] / ((1.0 + r2) * (1.0 + r2))
-            basis[1] = points[p, 0]
-            basis[2] = points[p, 1]
+            r2 = points[5, p] / (2.25 * scale * scale)
+            wt = points[4, p] / ((1.0 + r2) * (1.0 + r2))
+            basis[1] = points[0, p]
+            basis[2] = points[1, p]
             for i in range(3):
                 wi = wt * basis[i]
-                bu[i] += wi * points[p, 2]
-                bv[i] += wi * points[p, 3]
+                bu[i] += wi * points[2, p]
+                bv[i] += wi * points[3, p]
                 for j in range(i + 1):
                     a[i, j] += wi * basis[j]
         # _solve destroys its matrix; the upper half, unused by it, keeps a copy for the second right-hand side
-        d0, d1, d2 = a[0, 0], a[1, 1], a[2, 2]
-        l10, l20, l21 = a[1, 0], a[2, 0], a[2, 1]
-        _solve(a, bu, 3)
-        a[0, 0], a[1, 1], a[2, 2] = d0, d1, d2
-        a[1, 0], a[2, 0], a[2, 1] = l10, l20, l21
-        _solve(a, bv, 3)
+        d0 = a[0, 0]
+        d1 = a[1, 1]
+        d2 = a[2, 2]
+        l10 = a[1, 0]
+        l20 = a[2, 0]
+        l21 = a[2, 1]
+        _solve(a, bu)
+        a[0, 0] = d0
+        a[1, 1] = d1
+        a[2, 2] = d2
+        a[1, 0] = l10
+        a[2, 0] = l20
+        a[2, 1] = l21
+        _solve(a, bv)
         for p in range(n):
-            ru = points[p, 2] - bu[0] - bu[1] * points[p, 0] - bu[2] * points[p, 1]
-            rv = points[p, 3] - bv[0] - bv[1] * points[p, 0] - bv[2] * points[p, 1]
-            points[p, 5] = ru * ru + rv * rv
-            points[p, 6] = points[p, 5]
-        scale = max(0.06, 1.48 * np.sqrt(_select(points[:, 6], n, n // 2)))
+            ru = points[2, p] - bu[0] - bu[1] * points[0, p] - bu[2] * points[1, p]
+            rv = points[3, p] - bv[0] - bv[1] * points[0, p] - bv[2] * points[1, p]
+            points[5, p] = ru * ru + rv * rv
+            points[6, p] = points[5, p]
+        scale = max(0.06, 1.48 * np.sqrt(_select(points[6], n, 0.5)))
     for i in range(3):
         theta[i] = bu[i]
         theta[3 + i] = bv[i]
     return scale
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def start_flow(near, grid, theta, camera, out):
     """Flow to start from, into out (h, w, 2): the affine motion where `near` is set, the camera's elsewhere."""
     h, w = near.shape
@@ -282,7 +318,7 @@ def start_flow(near, grid, theta, camera, out):
                 out[y, x, 1] = camera[1]
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def median_flow(flow, near, about, sample, out):
     """Medians outside `near`, every fourth pixel of every fourth row: u, v and |flow − about| into out[0..2].
 
@@ -293,19 +329,20 @@ def median_flow(flow, near, about, sample, out):
     for y in range(0, h, 4):
         for x in range(y // 4 % 4, w, 4):
             if near[y, x] == 0 and n < sample.shape[1]:
-                u, v = flow[y, x, 0], flow[y, x, 1]
+                u = flow[y, x, 0]
+                v = flow[y, x, 1]
                 sample[0, n] = u
                 sample[1, n] = v
                 sample[2, n] = (u - about[0]) * (u - about[0]) + (v - about[1]) * (v - about[1])
                 n += 1
     if n:
         for i in range(3):
-            out[i] = _select(sample[i], n, n // 2)
+            out[i] = _select(sample[i], n, 0.5)
         out[2] = np.sqrt(out[2])
     return n
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def search_shift(image, obj, shape, different, centre, reach, step, inside, noise):
     """Best translation of the object layer: Σ over its shape of [not background] (1 − min(|I − O| / (12 + 3σ), 2)).
 
@@ -319,7 +356,10 @@ def search_shift(image, obj, shape, different, centre, reach, step, inside, nois
             if shape[y, x] > 0.5:
                 area += 1
     stride = max(1, int(np.sqrt(area / 400.0)))
-    best, still, best_x, best_y = -1e9, 0.0, 0, 0
+    best = -1e9
+    still = 0.0
+    best_x = 0
+    best_y = 0
     unit = 1.0 / ((12.0 + 3.0 * noise) * channels)
     for sy in range(centre[1] - reach, centre[1] + reach + 1, step):
         for sx in range(centre[0] - reach, centre[0] + reach + 1, step):
@@ -330,7 +370,8 @@ def search_shift(image, obj, shape, different, centre, reach, step, inside, nois
                     if shape[y, x] <= 0.5:
                         continue
                     n += 1
-                    qx, qy = x + sx, y + sy
+                    qx = x + sx
+                    qy = y + sy
                     if qx < inside[0] or qy < inside[1] or qx >= inside[2] or qy >= inside[3]:
                         continue
                     if different[qy, qx] == 0:
@@ -343,19 +384,23 @@ def search_shift(image, obj, shape, different, centre, reach, step, inside, nois
             if sx == 0 and sy == 0:
                 still = score
             if score > best:
-                best, best_x, best_y = score, sx, sy
+                best = score
+                best_x = sx
+                best_y = sy
     return best, still, best_x, best_y
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def local_products(image, background, obj, out):
     """Channel sums of I·B, B·B, I·O, O·O into out (h, w, 4): box-filtered, they give the local gains."""
     h, w, channels = image.shape
     for y in range(h):
         for x in range(w):
-            ib, bb, io, oo = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            ib = bb = io = oo = 0.0
             for c in range(channels):
-                i, b, o = image[y, x, c], background[y, x, c], obj[y, x, c]
+                i = image[y, x, c]
+                b = background[y, x, c]
+                o = obj[y, x, c]
                 ib += i * b
                 bb += b * b
                 io += i * o
@@ -366,7 +411,7 @@ def local_products(image, background, obj, out):
             out[y, x, 3] = oo
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def evidence(image, background, moved, obj, warped, counts, products, noise, knobs, inside, out, fresh):
     """Log-likelihood ratio, object against background, per pixel.
 
@@ -378,12 +423,16 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
     the background is not yet known. `fresh` is 1 where something new covers a background that was seen a moment ago.
     """
     h, w, channels = image.shape
-    tau_b, tau_o, kappa, contrast, occluded = knobs[0], knobs[1], knobs[2], knobs[3], knobs[4]
-    mean = np.float32(1.0 / channels)
-    one, half, four = np.float32(1.0), np.float32(0.5), np.float32(4.0)
-    noise2 = np.float32(noise * noise)
+    tau_b = knobs[0]
+    tau_o = knobs[1]
+    kappa = knobs[2]
+    contrast = knobs[3]
+    occluded = knobs[4]
+    mean = 1.0 / channels
+    noise2 = noise * noise
     for y in range(h):
-        ym, yp = max(y - 1, 0), min(y + 1, h - 1)
+        ym = max(y - 1, 0)
+        yp = min(y + 1, h - 1)
         for x in range(w):
             fresh[y, x] = 0
             if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
@@ -393,14 +442,16 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
                 out[3, y, x] = 1.0
                 out[4, y, x] = 0.0
                 continue
-            xm, xp = max(x - 1, 0), min(x + 1, w - 1)
+            xm = max(x - 1, 0)
+            xp = min(x + 1, w - 1)
             n = counts[0, y, x]
             s = warped[y, x]
-            gain_b = (products[y, x, 0] + np.float32(50.0)) / (products[y, x, 1] + np.float32(50.0))
-            gain_b = min(max(gain_b, np.float32(0.35)), np.float32(2.5))
-            grad_b, b2, eb, egb = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            gain_b = (products[y, x, 0] + 50.0) / (products[y, x, 1] + 50.0)
+            gain_b = min(max(gain_b, 0.35), 2.5)
+            grad_b = b2 = eb = egb = 0.0
             for c in range(channels):
-                i, b = image[y, x, c], background[y, x, c]
+                i = image[y, x, c]
+                b = background[y, x, c]
                 gx = background[y, xp, c] - background[y, xm, c]
                 gy = background[yp, x, c] - background[ym, x, c]
                 grad_b += gx * gx + gy * gy
@@ -410,22 +461,23 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
                 e = i - gain_b * b
                 egb += e * e
             # the factor ¼ makes (difference over two pixels)² the gradient squared; κ/s² of the channel mean
-            grad_b *= mean / four
-            var_b = noise2 * (one + one / max(n, one)) + tau_b * grad_b
+            grad_b *= mean / 4.0
+            var_b = noise2 * (1.0 + 1.0 / max(n, 1.0)) + tau_b * grad_b
             unit = kappa * mean / var_b
             direct = eb * unit
             out[2, y, x] = direct
             out[3, y, x] = gain_b
             out[4, y, x] = 0.0
             if s < -2.5 and n >= KNOWN and direct < 2.0:  # far from the object and as ever: nothing more to weigh
-                out[0, y, x] = half * (direct - np.float32(5.0))
+                out[0, y, x] = 0.5 * (direct - 5.0)
                 out[1, y, x] = direct
                 continue
-            gain_o = (products[y, x, 2] + np.float32(50.0)) / (products[y, x, 3] + np.float32(50.0))
-            gain_o = min(max(gain_o, np.float32(0.6)), np.float32(1.7))
-            grad_o, em, eo, ego = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            gain_o = (products[y, x, 2] + 50.0) / (products[y, x, 3] + 50.0)
+            gain_o = min(max(gain_o, 0.6), 1.7)
+            grad_o = em = eo = ego = 0.0
             for c in range(channels):
-                i, o = image[y, x, c], obj[y, x, c]
+                i = image[y, x, c]
+                o = obj[y, x, c]
                 gx = obj[y, xp, c] - obj[y, xm, c]
                 gy = obj[yp, x, c] - obj[ym, x, c]
                 grad_o += gx * gx + gy * gy
@@ -435,36 +487,36 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
                 eo += e * e
                 e = i - gain_o * o
                 ego += e * e
-            var_o = np.float32(1.5) * noise2 + tau_o * grad_o * mean / four
+            var_o = 1.5 * noise2 + tau_o * grad_o * mean / 4.0
             error_b = direct
-            if gain_b < np.float32(0.97):
+            if gain_b < 0.97:
                 # a shadow leaves the texture: where there is some, to be explained that way is no accident
-                error_b = min(error_b, egb * unit + np.float32(2.0) / (one + grad_b / noise2))
-            elif gain_b > np.float32(1.03):
-                lifted = kappa * mean / (var_b + np.float32(0.0025) * b2 * mean)
-                error_b = min(error_b, egb * lifted + np.float32(3.0))
+                error_b = min(error_b, egb * unit + 2.0 / (1.0 + grad_b / noise2))
+            elif gain_b > 1.03:
+                lifted = kappa * mean / (var_b + 0.0025 * b2 * mean)
+                error_b = min(error_b, egb * lifted + 3.0)
             if n < KNOWN:
-                still = em * kappa * mean / (np.float32(2.0) * noise2 + tau_b * grad_b)
+                still = em * kappa * mean / (2.0 * noise2 + tau_b * grad_b)
                 out[4, y, x] = still
                 error_b = min(error_b, still)
             error_o = min(eo, ego + var_o / (kappa * mean)) * kappa * mean / var_o
-            if s < -half:
-                error_o = np.float32(5.0)  # its appearance there is unknown
-            ceiling = np.float32(9.0) if n >= KNOWN else four
-            ll = half * (min(error_b, ceiling) - min(error_o, np.float32(5.0)))
-            if n >= KNOWN and error_b < four:
-                ll -= np.float32(0.8) * contrast * (one - error_b / four)
+            if s < -0.5:
+                error_o = 5.0  # its appearance there is unknown
+            ceiling = 9.0 if n >= KNOWN else 4.0
+            ll = 0.5 * (min(error_b, ceiling) - min(error_o, 5.0))
+            if n >= KNOWN and error_b < 4.0:
+                ll -= 0.8 * contrast * (1.0 - error_b / 4.0)
             if contrast < 0.99 and ll < 0.0 and n < 7.0 and s > 0.0:
                 ll *= contrast
             if occluded > 0.0 and n > KNOWN and error_b < 2.0:
-                ll = min(ll, np.float32(-1.5))
+                ll = min(ll, -1.5)
             if error_b >= 7.2 and n > KNOWN and counts[2, y, x] <= 4.0:
                 fresh[y, x] = 1
             out[0, y, x] = ll
             out[1, y, x] = error_b
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def label(image, warped, ll, grown, ratio, trust, bins, out):
     """Log-odds of object after this frame's evidence: 0.9 warped + 0.7 ll + trust · colour ratio.
 
@@ -475,22 +527,24 @@ def label(image, warped, ll, grown, ratio, trust, bins, out):
     for y in range(h):
         for x in range(w):
             if channels == 3:
-                blue, green, red = int(image[y, x, 0]), int(image[y, x, 1]), int(image[y, x, 2])
+                blue = int(image[y, x, 0])
+                green = int(image[y, x, 1])
+                red = int(image[y, x, 2])
                 b = ((blue >> 5) << 6) + ((green >> 5) << 3) + (red >> 5)
             else:
                 b = int(image[y, x, 0]) >> 3
             bins[y, x] = b
             s = warped[y, x]
             if grown[y, x] == 1:
-                ll[y, x] = max(ll[y, x], np.float32(2.0))
-                s = max(s, np.float32(-0.5))
+                ll[y, x] = max(ll[y, x], 2.0)
+                s = max(s, -0.5)
             elif grown[y, x] == 2 and s < 1.0:
-                ll[y, x] = min(ll[y, x], np.float32(-1.0))
-            p = np.float32(0.9) * s + np.float32(0.7) * ll[y, x] + trust * ratio[b]
-            out[y, x] = min(max(p, np.float32(-5.0)), np.float32(5.0))
+                ll[y, x] = min(ll[y, x], -1.0)
+            p = 0.9 * s + 0.7 * ll[y, x] + trust * ratio[b]
+            out[y, x] = min(max(p, -5.0), 5.0)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
     """Mixed pixels of the mask's edge: α of I = α o + (1 − α) b, and the odds lowered where α says background.
 
@@ -505,9 +559,10 @@ def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
             if mask[y, x] == 0 or core[y, x] != 0:
                 continue
             own = seen[y, x] >= KNOWN
-            n_in, n_out = 0, 0
-            inner[:] = 0.0
-            outer[:] = 0.0
+            n_in = n_out = 0
+            for c in range(channels):
+                inner[c] = 0.0
+                outer[c] = 0.0
             for j in range(max(y - 3, 0), min(y + 4, h)):
                 for i in range(max(x - 3, 0), min(x + 4, w)):
                     if core[j, i] != 0:
@@ -520,10 +575,11 @@ def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
                             outer[c] += image[j, i, c]
             if n_in == 0 or (not own and n_out == 0):
                 continue
-            span, along, total = 0.0, 0.0, 0.0
+            span = along = total = 0.0
             for c in range(channels):
                 b = background[y, x, c] if own else outer[c] / n_out
-                d, e = inner[c] / n_in - b, image[y, x, c] - b
+                d = inner[c] / n_in - b
+                e = image[y, x, c] - b
                 span += d * d
                 along += d * e
                 total += e * e
@@ -534,7 +590,7 @@ def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
                 odds[y, x] = min(odds[y, x], max(8.0 * (alpha - 0.5), -3.0))
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@_kernel
 def learn(
     image,
     aligned,
@@ -567,31 +623,34 @@ def learn(
     85th percentile); `sample` is a workspace for that.
     """
     h, w, channels = image.shape
-    shape_rate, freeze, occluded = knobs[0], knobs[1], knobs[2]
-    mean = np.float32(1.0 / channels)
-    known, strange, total, taken = 0, 0, 0.0, 0
+    shape_rate = knobs[0]
+    freeze = knobs[1]
+    occluded = knobs[2]
+    mean = 1.0 / channels
+    known = 0
+    strange = 0
+    total = 0.0
+    taken = 0
     for y in range(h):
         for x in range(w):
             m = mask[y, x] != 0
             s = warped[y, x]
             belief = odds[y, x]
             if m:
-                s_new = max(raw[y, x], np.float32(0.2))
+                s_new = max(raw[y, x], 0.2)
             else:
-                s_new = s + np.float32(0.5) * (belief - s)
-            s_out[y, x] = min(max(s_new, np.float32(-3.0)), np.float32(4.0))
+                s_new = s + 0.5 * (belief - s)
+            s_out[y, x] = min(max(s_new, -3.0), 4.0)
             m_out[y, x] = shape[y, x]
             if freeze == 0.0:
-                target = (
-                    min(max(belief + np.float32(0.5), np.float32(0.0)), np.float32(1.0)) if m else np.float32(0.0)
-                )
+                target = min(max(belief + 0.5, 0.0), 1.0) if m else 0.0
                 m_out[y, x] += shape_rate * (target - shape[y, x])
-            rate = np.float32(0.0)
+            rate = 0.0
             if m:
                 if errors[0, y, x] > -0.3 and (occluded == 0.0 or errors[1, y, x] >= 4.0):
-                    rate = np.float32(0.5)
+                    rate = 0.5
             elif freeze == 0.0:
-                rate = np.float32(1.0)
+                rate = 1.0
             for c in range(channels):
                 o = obj[y, x, c]
                 o_out[y, x, c] = o + rate * (image[y, x, c] - o)
@@ -603,17 +662,18 @@ def learn(
                 tally[1, bins[y, x]] += 1.0
             elif m and belief > 1.0:
                 tally[0, bins[y, x]] += 1.0
-            error, gain = errors[1, y, x], errors[3, y, x]
+            error = errors[1, y, x]
+            gain = errors[3, y, x]
             if free and n >= KNOWN:
                 known += 1
                 if errors[2, y, x] > 5.0:
                     strange += 1
-                d = np.float32(0.0)
+                d = 0.0
                 for c in range(channels):
                     d += abs(aligned[y, x, c] - ground[y, x, c])
                 total += d * mean
-                if (x + 2 * y) % 7 == 0 and taken < sample.size:
-                    sample[taken] = d * mean
+                if (x + 2 * y) % 7 == 0 and taken < sample.shape[1]:
+                    sample[0, taken] = d * mean
                     taken += 1
             if not m and error < 4.0 and n >= KNOWN:
                 counts[2, y, x] = 0.0
@@ -622,27 +682,27 @@ def learn(
             if not free or belief >= -1.0:
                 continue
             if n < KNOWN and errors[4, y, x] >= 4.0:
-                n = np.float32(0.0)  # something moves here: begin again
+                n = 0.0  # something moves here: begin again
             if n >= KNOWN and error >= 6.0:
                 bad = counts[1, y, x] + 1.0
                 counts[1, y, x] = bad
                 if bad < 6.0 or (bad < 25.0 and (gain < 0.93 or gain > 1.07)):
                     continue
-                n = np.float32(0.0)
+                n = 0.0
             else:
                 counts[1, y, x] = 0.0
             if n >= KNOWN and gain <= 0.93:
                 continue
             if n >= KNOWN and gain > 1.07:
-                n = np.float32(0.0)
-            rate = max(np.float32(1.0) / (n + np.float32(1.0)), np.float32(0.06))
+                n = 0.0
+            rate = max(1.0 / (n + 1.0), 0.06)
             if n >= KNOWN and gain < 0.985:
-                rate = min(rate, np.float32(0.02))
+                rate = min(rate, 0.02)
             for c in range(channels):
                 b = ground[y, x, c]
                 ground[y, x, c] = b + rate * (aligned[y, x, c] - b)
-            counts[0, y, x] = min(n + np.float32(1.0), np.float32(20.0))
+            counts[0, y, x] = min(n + 1.0, 20.0)
     sums[0] = known
     sums[1] = strange
     sums[2] = total
-    sums[3] = _select(sample, taken, (85 * taken) // 100) if taken > 10 else -1.0
+    sums[3] = _select(sample[0], taken, 0.85) if taken > 10 else -1.0

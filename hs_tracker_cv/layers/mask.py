@@ -80,15 +80,21 @@ def component(odds: Plane, warped: Plane) -> Mask:
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _square(3)), dtype=np.uint8)
     elif area > 150:
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _CROSS), dtype=np.uint8)
-    n, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    x, y, w, h = cv2.boundingRect(mask)
+    part = (slice(y, y + h), slice(x, x + w))
+    if w == 0:
+        return mask
+    n, labels, stats, _ = cv2.connectedComponentsWithStats(np.ascontiguousarray(mask[part]), connectivity=8)
     if n <= 2:
         return mask
-    overlap = np.bincount(labels[before], minlength=n)
+    overlap = np.bincount(labels[before[part]], minlength=n)
     overlap[0] = 0
     keep = (overlap > 0.03 * area) & (overlap > 0.5 * stats[:, cv2.CC_STAT_AREA])
     keep[int(np.argmax(overlap))] = True
     keep[0] = False
-    return np.asarray(keep[labels], dtype=np.uint8)
+    kept = np.zeros_like(mask)
+    kept[part] = keep[labels]
+    return kept
 
 
 def refine_edge(image: Image, background: Image, seen: Plane, mask: Mask, odds: Plane, noise: float) -> Mask:

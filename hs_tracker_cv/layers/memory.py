@@ -110,7 +110,7 @@ def learn_frame(
     learn(
         view.image, aligned, labels.mask, near, labels.odds, labels.raw, expected.odds, expected.obj, expected.shape,
         labels.errors, labels.bins, view.inside, knobs, odds, obj, shape, picture, counts, tally,
-        np.empty(2000, np.float32), sums,
+        np.empty((1, 2000), np.float32), sums,
     )  # fmt: skip
     if hidden:
         odds = np.clip(8.0 * (expected.shape - np.float32(0.5)), -2.0, 1.0).astype(np.float32)

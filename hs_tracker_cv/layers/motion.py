@@ -258,7 +258,7 @@ def _measure(
     image, inside = view.image, view.inside
     stride = grid.stride()
     fitted = theta.copy()
-    points = np.empty((2 * _FIT_PIXELS, 7), np.float32)
+    points = np.empty((7, 2 * _FIT_PIXELS), np.float32)
     ridge = np.array((0.02, 0.1, 0.1)) * 0.3
     if hidden:
         ridge *= (3.0, 30.0, 30.0)
