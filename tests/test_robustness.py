@@ -328,6 +328,45 @@ def test_any_object_mid_track_is_answered_or_refused(thing: Any, kind: tuple[str
         assert [update(tracker, frame) for frame in good].count("refused") == 0
 
 
+@pytest.mark.parametrize(
+    "roi",
+    [
+        np.array([10, 10, 20, 20], complex),
+        ["10", "10", "20", "20"],
+        np.array(["10", "10", "20", "20"]),
+        np.array([10, 10, 20, 20], "datetime64[s]"),
+        (10**400, 0, 20, 20),
+        (0, 0, 1e308, math.inf),
+        {0: 10, 1: 10, 2: 20, 3: 20},
+        [[10, 10, 20, 20]],
+        np.array([10, 10, 20, 20], bool),
+    ],
+    ids=repr,
+)
+def test_what_is_not_four_numbers_is_no_roi(roi: Any) -> None:
+    """Complex numbers, words, dates, nests: an InputError, not a warning and not a guess."""
+    with pytest.raises(InputError, match="boundingBox"):
+        TrackerHS_create().init(video(count=1)[0], roi)
+
+
+@pytest.mark.parametrize("value", [np.finfo(np.float64).max, -np.finfo(np.float64).max, math.inf, math.nan])
+@pytest.mark.parametrize("first", ["good", "bad"])
+def test_values_beyond_all_bounds_are_silent(first: str, value: float) -> None:
+    """What is infinite in float32 is no warning, and so no error to a user who makes errors of warnings."""
+    frames, tracker = video("float64"), TrackerHS_create()
+    bad = np.full_like(frames[0], value)
+    tracker.init(frames[0] if first == "good" else bad, ROI)
+    assert "refused" not in [update(tracker, frame) for frame in (bad, frames[1], bad, frames[2])]
+
+
+@pytest.mark.parametrize("empty", [None, np.zeros((0, 5)), np.zeros((48, 0, 3), np.uint8), cv2.UMat()], ids=type)
+def test_every_kind_of_dropped_frame_is_answered(empty: Any) -> None:
+    """None and all that is empty cost one False."""
+    tracker = copy.deepcopy(mid_track(("uint8", 3)))
+    assert update(tracker, empty) == (False, NOWHERE)
+    assert tracker.state == "tracking"
+
+
 @pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
 @pytest.mark.parametrize("fill", FILLS)
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
