@@ -43,7 +43,8 @@ class Grid(NamedTuple):
 class Moves(NamedTuple):
     """How everything moved into this frame.
 
-    grid, theta, residual : affine motion of the object, as in `kernels.gauss_newton`, and its mean residual.
+    grid, theta : affine motion of the object, as in `kernels.gauss_newton`.
+    residual : mean residual of the motion that was predicted, gray levels.
     flow : dense, window px per frame.
     camera : translation of the background, lattice px.
     atlas : the background, registered to this frame.
@@ -73,11 +74,11 @@ def find(state: LayersState, view: View, params: LayersParams) -> Moves:
     near = dilate(obj, 5)
     flow = _dense_flow(view, near, grid, predicted[0], state, params)
     atlas, camera = _ground(state, view, flow, near)
-    theta, residual = _measure(state, view, flow, weight, grid, predicted, camera)
+    theta = _measure(state, view, flow, weight, grid, predicted, camera)
     few = state.occlusion.occluded and np.count_nonzero(weight) < 0.1 * state.box[2] * state.box[3]
     if few or state.occlusion.coasting:  # hardly anything is seen: it moves as it did before
         theta = _theta(state.velocity, _NO_LINEAR, grid.scale)
-    return Moves(grid, theta, residual, flow, camera, atlas, _contrast(theta, camera, state.contrast))
+    return Moves(grid, theta, predicted[1], flow, camera, atlas, _contrast(theta, camera, state.contrast))
 
 
 def follow(
@@ -247,7 +248,7 @@ def _measure(
     grid: Grid,
     predicted: tuple[NDArray[np.float64], float],
     camera: tuple[float, float],
-) -> tuple[NDArray[np.float64], float]:
+) -> NDArray[np.float64]:
     """Affine motion of the object: the flow's robust fit, sharpened against the object layer.
 
     The fit follows the frame pair, the layer keeps it from drifting. Registration starts from the fit and from the
@@ -299,7 +300,7 @@ def _measure(
             continue
         if residual < (best_cost if number == 0 else 0.97 * best_cost):
             best, best_cost = refined, residual
-    return best, best_cost
+    return best
 
 
 def warp(

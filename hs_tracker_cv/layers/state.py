@@ -42,7 +42,7 @@ class LayersParams:
     """
 
     working_size: int = 100
-    margin: float = 0.35
+    margin: float = 0.25
     smoothness: float = 8.0
     warps: int = 1
     colour_weight: float = 0.7
