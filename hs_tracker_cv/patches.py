@@ -137,7 +137,7 @@ def residual_weights(a: Any, b: Any, flow: Any, prior: Any, weight: Any) -> None
 def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
     """Fit ``u = tx + sx X, v = ty + sy Y`` to a flow field by iteratively re-weighted least squares.
 
-    X, Y are measured from the patch centre, in samples. Four rounds; every second pixel; Geman–McClure weights
+    X, Y are measured from the patch centre, in samples. Eight rounds; every second pixel; Geman–McClure weights
     with the scale set by the median residual.
 
     Parameters
@@ -153,7 +153,7 @@ def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
     mx, my = 0.5 * (width - 1), 0.5 * (height - 1)
     histogram = np.zeros(_BINS, np.float64)
     tx, ty, sx, sy, scale, median = 0.0, 0.0, 0.0, 0.0, 0.0, 8.0
-    for turn in range(4):
+    for turn in range(8):
         n = xu = yv = u1 = v1 = xw = yw = xx = yy = 1e-9
         limit = 1.5 * max(0.05, 1.48 * median)
         for i in range(_BINS):

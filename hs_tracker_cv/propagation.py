@@ -80,8 +80,9 @@ class PropagationParams:
         A peak lower than this share of its running mean makes the search look around.
     recentre : float
         Displacement, in coarse samples, beyond which the window is looked at again round the peak.
-    far, far_level : float
-        A displacement from the prediction over `far` box sizes needs a peak of `far_level` of its running mean.
+    far, far_level, sure : float
+        A displacement from the prediction over `far` box sizes needs a peak of `far_level` of its running mean, or
+        a sum of peak height and agreement over `sure`.
     near, near_level, follow_level : float
         Any other needs `near_level`; within `near` box sizes, `follow_level` is enough to follow without learning.
     separation : float
@@ -115,6 +116,7 @@ class PropagationParams:
     recentre: float = 4.0
     far: float = 0.6
     far_level: float = 0.75
+    sure: float = 1.1
     near: float = 0.35
     near_level: float = 0.45
     follow_level: float = 0.4
@@ -465,7 +467,7 @@ def _elsewhere(lost: int) -> list[tuple[float, float]]:
     """Where else to look, in box sizes from the last pose: all round it; once lost, along a growing spiral."""
     if lost <= 0:
         return [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)]
-    first = (_LOOKS * lost) % min(_LOOKS * lost + 1, _SPIRAL)
+    first = _LOOKS * (lost - 1) % _SPIRAL
     steps = [(0.8 * math.sqrt(i + 1.0), 2.399963 * i) for i in range(first, first + _LOOKS)]
     return [(radius * math.cos(angle), radius * math.sin(angle)) for radius, angle in steps]
 
@@ -606,7 +608,8 @@ def _judge(
     box = _box(g, pose)
     if box.clip(frame.width, frame.height).area < 0.2 * box.area:
         return _BAD
-    if height + first > p.confidence and level > (p.far_level if jump > p.far else p.near_level):
+    enough = level > p.near_level if jump < p.far else level > p.far_level or height + first > p.sure
+    if enough and height + first > p.confidence:
         return _GOOD
     return _WEAK if jump < p.near and level > p.follow_level else _BAD
 

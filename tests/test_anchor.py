@@ -1,0 +1,103 @@
+"""The correlation filter and the patch agreement, on images whose shift is known."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hs_tracker_cv import anchor
+
+SIDE = 64
+
+
+def _scene(seed: int = 3) -> NDArray[np.float32]:
+    noise = np.random.default_rng(seed).uniform(0, 255, (4 * SIDE, 4 * SIDE)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 3.0)
+    return np.asarray(128 + (smooth - smooth.mean()) * 5, np.float32)
+
+
+def _window(scene: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float32]:
+    middle = (scene.shape[1] / 2 - dx, scene.shape[0] / 2 - dy)
+    return np.asarray(cv2.getRectSubPix(scene, (SIDE, SIDE), middle), np.float32)
+
+
+def _channels(window: NDArray[np.float32]) -> NDArray[np.float32]:
+    return anchor.features(window, None, anchor.hann(SIDE, SIDE))
+
+
+@pytest.mark.parametrize(
+    ("dx", "dy"),
+    [
+        (0.0, 0.0),  # nothing moved
+        (5.0, -3.0),  # whole samples
+        (-2.5, 4.25),  # between samples
+        (3.3, 2.6),  # between samples, both ways
+    ],
+)
+def test_peak_is_at_the_known_shift(dx: float, dy: float) -> None:
+    """The response peaks within a fifth of a sample of the true displacement."""
+    scene = _scene()
+    learned = anchor.train(_channels(_window(scene, 0, 0)), 1.6)
+    peak = anchor.find_peak(anchor.respond(learned, _channels(_window(scene, dx, dy))))
+    assert peak.dx == pytest.approx(dx, abs=0.2)
+    assert peak.dy == pytest.approx(dy, abs=0.2)
+
+
+def test_response_to_what_was_learned_is_nearly_one() -> None:
+    """The window the filter was trained on answers with a peak just under 1, another scene with far less."""
+    learned = anchor.train(_channels(_window(_scene(), 0, 0)), 1.6)
+    same = anchor.find_peak(anchor.respond(learned, _channels(_window(_scene(), 0, 0))))
+    other = anchor.find_peak(anchor.respond(learned, _channels(_window(_scene(8), 0, 0))))
+    assert 0.9 < same.height <= 1.0
+    assert other.height < 0.4
+
+
+def test_learning_moves_the_filter_and_leaves_the_old_one_alone() -> None:
+    """After enough windows of a new scene the filter knows it, and the filter it came from is unchanged."""
+    old = anchor.train(_channels(_window(_scene(), 0, 0)), 1.6)
+    before = old.numerator.copy(), old.energy.copy()
+    new_view = _channels(_window(_scene(8), 0, 0))
+    new = old
+    for _ in range(60):
+        new = anchor.learn(new, new_view, 0.1)
+    assert anchor.find_peak(anchor.respond(new, new_view)).height > 0.9
+    np.testing.assert_array_equal(old.numerator, before[0])
+    np.testing.assert_array_equal(old.energy, before[1])
+
+
+def test_likelihood_adds_a_channel() -> None:
+    """A colour likelihood is a fourth channel; every channel fades towards the border."""
+    window, likelihood = _window(_scene(), 0, 0), np.full((SIDE, SIDE), 0.5, np.float32)
+    likelihood[20:40, 20:40] = 0.9
+    channels = anchor.features(window, likelihood, anchor.hann(SIDE, SIDE))
+    assert channels.shape == (4, SIDE, SIDE)
+    assert np.abs(channels[:, 0]).max() < 0.02
+    assert np.abs(channels[3, 25:35, 25:35]).min() > 0.5
+
+
+def test_peak_position_is_parabolic() -> None:
+    """A sampled paraboloid gives back its vertex."""
+    y, x = np.mgrid[:16, :20].astype(np.float32)
+    score = np.asarray(1 - 0.01 * ((x - 12.3) ** 2 + (y - 6.8) ** 2), np.float32)
+    peak = anchor.find_peak(score)
+    assert peak.dx == pytest.approx(2.3, abs=1e-3)
+    assert peak.dy == pytest.approx(-1.2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("gain", "offset", "expected"),
+    [
+        (1.0, 0.0, 1.0),  # the same
+        (0.3, 40.0, 1.0),  # darker, brighter
+        (-1.0, 0.0, -1.0),  # negative
+    ],
+)
+def test_correlation_ignores_gain_and_offset(gain: float, offset: float, expected: float) -> None:
+    """Agreement is ±1 for any linear change of brightness."""
+    patch = _window(_scene(), 0, 0)
+    weights = anchor.hann(SIDE, SIDE)
+    changed = np.asarray(gain * patch + offset, np.float32)
+    assert anchor.correlation(patch, changed, weights) == pytest.approx(expected, abs=1e-3)
+    assert abs(anchor.correlation(patch, _window(_scene(8), 0, 0), weights)) < 0.4

@@ -1,0 +1,220 @@
+"""The propagation mode on drawn squares whose box is known in every frame."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hs_tracker_cv import patches, propagation
+from hs_tracker_cv.frames import Frame, as_frame
+from hs_tracker_cv.geometry import Box, iou
+from hs_tracker_cv.propagation import PropagationParams, PropagationState
+
+PARAMS = PropagationParams()
+Path = Callable[[int], Box | None]
+
+
+def _texture(seed: int, height: int, width: int, colour: bool) -> NDArray[np.float32]:
+    noise = np.random.default_rng(seed).uniform(0, 255, (height, width, 3)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
+    smooth = 128 + (smooth - smooth.mean()) * 4
+    return np.clip(smooth if colour else smooth[:, :, :1].repeat(3, 2), 0, 255).astype(np.float32)
+
+
+def _frame(box: Box | None, colour: bool = True) -> Frame:
+    """Draw a textured square, sub-pixel, on a textured ground; None: nothing there."""
+    image = 0.5 * _texture(1, 180, 240, colour) + 30
+    if box is not None:
+        square = _texture(2, 80, 80, colour) * np.asarray([1.0, 0.9, 0.6], np.float32)
+        scale = box.w / 80
+        shift = np.asarray([[scale, 0, box.x + scale / 2 - 0.5], [0, scale, box.y + scale / 2 - 0.5]])
+        size, border = (image.shape[1], image.shape[0]), cv2.BORDER_CONSTANT
+        cover = cv2.warpAffine(np.ones((80, 80), np.float32), shift, size, borderMode=border)[:, :, None]
+        image = image * (1 - cover) + cv2.warpAffine(square, shift, size, borderMode=border)
+    pixels = np.clip(image, 0, 255).astype(np.uint8)
+    return as_frame(pixels if colour else pixels[:, :, 0])
+
+
+def _track(path: Path, frames: int, colour: bool = True) -> list[PropagationState]:
+    first = path(0)
+    assert first is not None
+    states = [propagation.start(_frame(first, colour), first, PARAMS)]
+    for t in range(1, frames):
+        states.append(propagation.step(states[-1], _frame(path(t), colour), PARAMS))
+    return states
+
+
+def _moving(t: int) -> Box:
+    return Box(60.3 + 1.7 * t, 50.0 + 0.9 * t, 40.0, 40.0)
+
+
+def _growing(t: int) -> Box:
+    return Box.from_centre(110.0, 90.0, 40.0 * 1.5 ** (t / 40), 40.0 * 1.5 ** (t / 40))
+
+
+def _stopping(t: int) -> Box:
+    return _moving(min(t, 10))
+
+
+def _hidden(t: int) -> Box | None:
+    return None if 15 <= t < 30 else _moving(min(t, 15))
+
+
+@pytest.mark.parametrize("colour", [True, False], ids=["colour", "gray"])
+@pytest.mark.parametrize(
+    ("path", "frames", "least"),
+    [
+        (_moving, 40, 0.9),  # translation, 1.9 px per frame
+        (_growing, 41, 0.85),  # grows to 1.5 times
+        (_stopping, 40, 0.93),  # stands still after a while
+    ],
+)
+def test_follows_a_square(path: Path, frames: int, least: float, colour: bool) -> None:
+    """The box overlaps the true one in every frame, and every frame says so."""
+    for t, state in enumerate(_track(path, frames, colour)):
+        truth = path(t)
+        assert truth is not None
+        assert iou(state.report.box, truth) > least
+        assert state.report.ok
+        assert not state.report.lost
+
+
+def test_says_lost_and_finds_again() -> None:
+    """Hidden, the object is lost within a few frames and nothing else is seized; shown again, it is found."""
+    reports = [state.report for state in _track(_hidden, 40)]
+    assert all(report.ok for report in reports[:15])
+    assert all(report.lost and not report.ok for report in reports[20:30])
+    assert max(report.score for report in reports[20:30]) < 0.5
+    shown = _hidden(39)
+    assert shown is not None
+    assert reports[-1].ok
+    assert iou(reports[-1].box, shown) > 0.8
+
+
+def test_finds_an_object_that_comes_back_elsewhere() -> None:
+    """An object that reappears more than a box away from where it vanished is found by the wider search."""
+
+    def displaced(t: int) -> Box | None:
+        return _moving(0) if t < 10 else None if t < 16 else Box(150.0, 90.0, 40.0, 40.0)
+
+    last = _track(displaced, 45)[-1].report
+    assert last.ok
+    assert iou(last.box, Box(150.0, 90.0, 40.0, 40.0)) > 0.8
+
+
+def _arrays(state: PropagationState) -> list[NDArray[np.float32]]:
+    model = state.model
+    filter_ = model.located
+    found = [model.previous, model.mean, model.deviation, model.mask, filter_.numerator, filter_.energy, *model.keys]
+    return [*found, *(array for array in (model.histograms, model.likelihood) if array is not None)]
+
+
+def test_step_leaves_the_old_state_alone() -> None:
+    """No array of a state changes when the next state is made from it."""
+    state = _track(_moving, 5)[-1]
+    before = [array.copy() for array in _arrays(state)]
+    propagation.step(state, _frame(_moving(5)), PARAMS)
+    propagation.reseat(state, _frame(_moving(5)), _moving(5), PARAMS, learn=True)
+    for array, copy in zip(_arrays(state), before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+def test_same_input_same_output() -> None:
+    """Two runs give bit-identical boxes, and so does a state that went through pickle."""
+    once, again = _track(_moving, 12), _track(_moving, 12)
+    assert [state.report.box for state in once] == [state.report.box for state in again]
+    copied = pickle.loads(pickle.dumps(once[6]))
+    assert propagation.step(copied, _frame(_moving(7)), PARAMS).report.box == once[7].report.box
+
+
+def test_keyframe_takes_out_an_artificial_drift() -> None:
+    """A pose pushed off by 2 px returns to the object, although the frame-to-frame flow sees no motion at all."""
+    frame, box = _frame(_moving(0)), _moving(0)
+    state = propagation.start(frame, box, PARAMS)
+    for _ in range(3):
+        state = propagation.step(state, frame, PARAMS)
+    state = propagation.reseat(state, frame, state.report.box.moved(2.0, 1.5), PARAMS, learn=False)
+    state = replace(state, velocity=(0.0, 0.0))
+    for _ in range(6):
+        state = propagation.step(state, frame, PARAMS)
+    assert state.report.box.x == pytest.approx(box.x, abs=0.5)
+    assert state.report.box.y == pytest.approx(box.y, abs=0.5)
+
+
+@pytest.mark.parametrize("learn", [True, False])
+def test_reseat_moves_the_box_and_goes_on(learn: bool) -> None:
+    """After a hand-over the report is the box handed over, also when it was lost, and tracking goes on from there."""
+    state = _track(_hidden, 25)[-1]
+    assert state.report.lost
+    box = Box(150.0, 60.0, 40.0, 40.0)
+    state = propagation.reseat(state, _frame(box), box, PARAMS, learn=learn)
+    assert state.report.box == box
+    assert state.report.ok
+    for t in range(1, 8):
+        state = propagation.step(state, _frame(box.moved(1.5 * t, 0.0)), PARAMS)
+    assert state.report.ok
+    assert iou(state.report.box, box.moved(10.5, 0.0)) > 0.85
+
+
+def test_report_explains_itself() -> None:
+    """The debug record holds flow and patches of one size, and the score is a probability."""
+    report = _track(_moving, 4)[-1].report
+    flow, current = report.debug["flow"], report.debug["current"]
+    assert flow.shape == (*current.shape, 2)
+    assert report.debug["previous"].shape == current.shape
+    assert 0.5 < report.score <= 1.0
+    assert len(report.debug["pose"]) == 4
+
+
+@pytest.mark.parametrize("side", [12.0, 150.0], ids=["tiny", "large"])
+def test_cost_is_bounded_by_the_object(side: float) -> None:
+    """Patches have the same number of samples whatever the object's size in pixels."""
+    state = propagation.start(_frame(None), Box(40.0, 20.0, side, side), PARAMS)
+    other = propagation.start(_frame(None), Box(40.0, 20.0, 60.0, 60.0), PARAMS)
+    assert state.model.previous.shape == other.model.previous.shape
+    assert state.geometry.window.shape == other.geometry.window.shape
+
+
+def test_box_leaving_the_frame_is_not_followed_outside() -> None:
+    """An object that walks out of the picture is reported lost, not followed into the repeated border."""
+
+    def leaving(t: int) -> Box | None:
+        box = Box(150.0 + 4.0 * t, 60.0, 40.0, 40.0)
+        return box if box.x < 240 else None
+
+    last = _track(leaving, 36)[-1].report
+    assert not last.ok
+
+
+@pytest.mark.parametrize("step", [0.6, 1.0, 2.3, 5.0])
+def test_sample_of_a_ramp_is_exact(step: float) -> None:
+    """On a plane every mean of bilinear reads equals the plane at the sample's centre."""
+    y, x = np.mgrid[:120, :140].astype(np.float32)
+    window = np.stack([2 * x + y, 50 - y], axis=2).astype(np.float32)
+    out = np.empty((10, 12, 2), np.float32)
+    patches.sample(window, 70.3, 60.8, step, step, out)
+    px = 70.3 + (np.arange(12) - 5.5) * step
+    py = 60.8 + (np.arange(10) - 4.5) * step
+    expected = np.stack([2 * px[None, :] + py[:, None], 50 - py[:, None] + 0 * px[None, :]], axis=2)
+    np.testing.assert_allclose(out, expected, atol=1e-3)
+
+
+def test_fit_ignores_outliers() -> None:
+    """Translation and scale come back exactly enough although a sixth of the field moves otherwise."""
+    y, x = np.mgrid[:48, :52].astype(np.float32)
+    x, y = x - 25.5, y - 23.5
+    flow = np.stack([1.5 + 0.03 * x, -0.7 + 0.03 * y], axis=2).astype(np.float32)
+    flow[:8] = (5.0, 4.0)
+    motion = np.empty(6)
+    patches.fit_motion(flow, np.ones((48, 52), np.float32), motion)
+    np.testing.assert_allclose(motion[[0, 1, 4]], [1.5, -0.7, 0.03], atol=0.02)
+    square = np.empty((48, 52), np.float32)
+    patches.misfit(flow, motion, square)
+    assert square[20:].max() < 0.01
+    assert square[:8].min() > 4.0
