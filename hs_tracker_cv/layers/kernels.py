@@ -490,8 +490,9 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
             var_o = 1.5 * noise2 + tau_o * grad_o * mean / 4.0
             error_b = direct
             if gain_b < 0.97:
-                # a shadow leaves the texture: where there is some, to be explained that way is no accident
-                error_b = min(error_b, egb * unit + 2.0 / (1.0 + grad_b / noise2))
+                # a shadow leaves the texture: where there is some, to be explained that way is no accident, unless
+                # there is so much noise that a dark object would do as well
+                error_b = min(error_b, egb * unit + max(2.0, 0.8 * noise) / (1.0 + grad_b / noise2))
             elif gain_b > 1.03:
                 lifted = kappa * mean / (var_b + 0.0025 * b2 * mean)
                 error_b = min(error_b, egb * lifted + 3.0)
