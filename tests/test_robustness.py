@@ -403,7 +403,7 @@ def test_tiny_frames_are_tracked_without_a_fault(size: tuple[int, int]) -> None:
 
 
 def leaving(step: tuple[int, int], count: int = 16) -> list[NDArray[np.uint8]]:
-    """A textured square of 16 px that starts at (24, 16) and leaves the frame."""
+    """A textured square of 16 px that starts at (24, 16) and leaves the frame; noise of one gray level."""
     rng = np.random.default_rng(5)
     ground = cv2.GaussianBlur(rng.uniform(0, 255, (*SHAPE, 3)).astype(np.float32), (0, 0), 2.0)
     square = rng.uniform(0, 255, (16, 16, 3)).astype(np.float32)
@@ -413,7 +413,7 @@ def leaving(step: tuple[int, int], count: int = 16) -> list[NDArray[np.uint8]]:
         x, y = 124 + step[0] * index, 116 + step[1] * index
         view[:] = ground
         canvas[y : y + 16, x : x + 16] = square
-        frames.append(np.rint(view).astype(np.uint8))
+        frames.append(np.clip(np.rint(view + rng.normal(0, 1.0, view.shape)), 0, 255).astype(np.uint8))
     return frames
 
 
@@ -430,3 +430,19 @@ def test_a_track_goes_on_after_its_object_left_the_frame(step: tuple[int, int], 
         update(tracker, rng.integers(0, 256, (*SHAPE, 3), dtype=np.uint8))
         looked_at.append(tracker.debug().current.tobytes())
     assert looked_at[0] != looked_at[1]
+
+
+@pytest.mark.parametrize("mode", ["auto", "layers"])
+def test_a_gone_object_is_not_held_for_ever_in_a_video_without_noise(mode: str) -> None:
+    """Frames that repeat bit by bit after the object went (a clean or compressed video) still end in False."""
+    frames = video()
+    # The square has moved by its own width: where it is now, the first frame shows the ground.
+    empty = frames[9].copy()
+    empty[18:36, 31:49] = frames[0][18:36, 31:49]
+    tracker = TrackerHS_create(TrackerHS_Params(mode=mode))
+    tracker.init(frames[0], ROI)
+    assert tracker.update(frames[1])[0]
+    for frame in frames[2:]:
+        tracker.update(frame)
+    answers = [update(tracker, empty) for _ in range(30)]
+    assert answers[-1] == (False, NOWHERE)
