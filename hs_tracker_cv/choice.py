@@ -1,40 +1,38 @@
 """Which of the two modes to follow: segmentation by motion, or the box carried by flow.
 
-Segmentation is worth following only while its background model explains the pixels outside its mask. Two
-measurements say whether it does, and they complement each other: the mean difference between frame and background
-catches passers-by and changed light; the flow that strays from the camera's catches a mask that has lost its
-object on calm ground.
+Segmentation is worth following only while its background memory explains the pixels outside its mask. How many of
+them it leaves unexplained is measured in every frame; the running mean of the logarithm decides. It is a choice of
+regime, not a judge of which box is better in this frame: the two boxes' agreement, their sizes and their own scores
+were measured to be worse witnesses.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-__all__ = ["MISMATCH_LIMIT", "STRAY_LIMIT", "Choice", "judge"]
+__all__ = ["UNEXPLAINED_LIMIT", "Choice", "judge"]
 
-MISMATCH_LIMIT = 4.5
-"""Running mean |frame − background| outside the mask above which segmentation is not trusted, gray levels."""
+UNEXPLAINED_LIMIT = 0.03
+"""Running share of known background outside the mask that contradicts the background memory, above which
+segmentation is not followed."""
 
-STRAY_LIMIT = 0.30
-"""Running |flow − camera motion| outside the mask, in units of the object's own motion, above which it is not."""
-
+_FLOOR = 0.01
+_RATE = 0.05
 _HYSTERESIS = 0.1
-_MISMATCH_FLOOR, _STRAY_FLOOR = 0.1, 0.05
-_MISMATCH_RATE, _STRAY_RATE = 0.05, 0.1
 _FIRST_SWITCH = 3
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The running measurements and what follows from them.
+    """The running measurement and what follows from it.
 
     Parameters
     ----------
     frames : int
         Frames judged so far.
-    log_mismatch, log_stray : float
-        Running means of the logarithms.
+    log_unexplained : float
+        Running mean of log(unexplained share + 0.01).
     trusted : bool
         True while segmentation is followed.
     since : int
@@ -42,51 +40,34 @@ class Choice:
     """
 
     frames: int = 0
-    log_mismatch: float = 0.0
-    log_stray: float = 0.0
+    log_unexplained: float = 0.0
     trusted: bool = True
     since: int = 0
 
     @property
-    def mismatch(self) -> float:
-        """Running mean difference from the background, gray levels."""
-        return math.exp(self.log_mismatch) - _MISMATCH_FLOOR
-
-    @property
-    def stray(self) -> float:
-        """Running stray flow, as a fraction of the object's motion."""
-        return math.exp(self.log_stray) - _STRAY_FLOOR
+    def unexplained(self) -> float:
+        """Running share of the background that its memory does not explain, 0–1."""
+        return math.exp(self.log_unexplained) - _FLOOR
 
 
-def judge(choice: Choice, mismatch: float, stray: float) -> Choice:
-    """Take in the measurements of one frame.
+def judge(choice: Choice, unexplained: float) -> Choice:
+    """Take in the measurement of one frame.
 
     Parameters
     ----------
     choice : Choice
         What was known before.
-    mismatch : float
-        Mean |frame − background| outside the mask, gray levels.
-    stray : float
-        Median |flow − camera motion| outside the mask over the motion contrast of the object.
+    unexplained : float
+        Share of the known background outside the mask that its memory does not explain in this frame, 0–1.
 
     Returns
     -------
     Choice
     """
     frames = choice.frames + 1
-    log_mismatch = _follow(choice.log_mismatch, mismatch + _MISMATCH_FLOOR, _MISMATCH_RATE, frames)
-    log_stray = _follow(choice.log_stray, stray + _STRAY_FLOOR, _STRAY_RATE, frames)
+    # A plain mean at first, an exponential one later.
+    rate = max(_RATE, 1.0 / frames)
+    mean = choice.log_unexplained + rate * (math.log(unexplained + _FLOOR) - choice.log_unexplained)
     slack = _HYSTERESIS if choice.trusted else -_HYSTERESIS
-    trusted = log_mismatch < math.log(MISMATCH_LIMIT) + slack and log_stray < math.log(STRAY_LIMIT) + slack
-    if frames < _FIRST_SWITCH:
-        trusted = choice.trusted
-    since = choice.since + 1 if trusted == choice.trusted else 0
-    return replace(
-        choice, frames=frames, log_mismatch=log_mismatch, log_stray=log_stray, trusted=trusted, since=since
-    )
-
-
-def _follow(mean: float, value: float, rate: float, count: int) -> float:
-    """Running mean of log `value`: a plain mean at first, exponential later."""
-    return mean + max(rate, 1.0 / count) * (math.log(value) - mean)
+    trusted = choice.trusted if frames < _FIRST_SWITCH else mean < math.log(UNEXPLAINED_LIMIT + _FLOOR) + slack
+    return Choice(frames, mean, trusted, choice.since + 1 if trusted == choice.trusted else 0)

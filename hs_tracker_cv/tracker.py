@@ -56,7 +56,7 @@ class TrackerDebug:
     mask : ndarray of bool, shape (H, W), or None
         Pixels of the object; None when the box was carried by flow.
     choice : Choice
-        The measurements behind the mode that answered.
+        The measurement behind the mode that answered.
     """
 
     window: Box
@@ -281,7 +281,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
     segmented = _segment(track, carried, frame) if track.layers else None
     choice = track.choice
     if segmented and carried:
-        choice = judge(choice, segmented.report.mismatch, segmented.report.stray)
+        choice = judge(choice, segmented.report.unexplained)
     report = _followed(segmented, carried, choice).report
     return _Track(
         layers=segmented,
