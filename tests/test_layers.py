@@ -262,7 +262,7 @@ def test_watching_knows_the_background_and_hands_over() -> None:
         state = layers.watch(state, as_frame(image), box, PARAMS)
     assert state.report.box == pytest.approx(boxes[13], abs=1e-9)
     assert state.report.n_known > 500
-    assert state.report.unexplained < 0.02
+    assert state.report.unexplained < 0.03
     assert state.report.mismatch < 4.0
     for image in images[14:]:
         state = layers.step(state, as_frame(image), PARAMS)

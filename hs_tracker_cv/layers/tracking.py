@@ -23,6 +23,7 @@ __all__ = ["reseed", "start", "step", "watch"]
 
 _FAR = 40  # lattice px: farthest an unseen object is looked for from where it is expected
 _UNSEEN = 0.12  # visible share below which the object counts as out of sight
+_NOTHING = 0.02  # visible share below which that is believed at once
 
 
 class _Outcome(NamedTuple):
@@ -52,7 +53,7 @@ def start(frame: Frame, box: Box, params: LayersParams) -> LayersState:
     """
     k = lattice_step(max(box.w, box.h), params.working_size)
     small = _to_lattice(box, k)
-    origin, size = place_window(small, (0.0, 0.0), _margin(small, 0, params), _extent(frame, k))
+    origin, size = place_window(small, (0.0, 0.0), _margin(small, 0, 0, params), _extent(frame, k))
     image = grab(frame, origin, size, k)
     seed = memory.seed(image, small, origin)
     gray = to_gray(image)
@@ -210,8 +211,11 @@ def _extent(frame: Frame, k: int) -> tuple[float, float]:
     return frame.width / k, frame.height / k
 
 
-def _margin(box: tuple[float, float, float, float], coasting: int, params: LayersParams) -> float:
+def _margin(box: tuple[float, float, float, float], count: int, coasting: int, params: LayersParams) -> float:
+    """Window round the box, lattice px: wider at first, its motion being unknown, and while the object is unseen."""
     share = params.margin * max(box[2], box[3])
+    if count == 0:
+        return max(16.0, 2.0 * share)
     return max(12.0, share + min(coasting, _FAR)) if coasting else max(10.0, share)
 
 
@@ -285,7 +289,8 @@ def _conclude(
     """Report, and put all that was learned into the window of the next frame."""
     k = state.step
     x, y = outcome.box.x + state.origin[0], outcome.box.y + state.origin[1]
-    ok = outcome.occlusion.coasting < 2
+    # a single frame in which the mask fails is forgiven, one in which nothing at all is seen is not
+    ok = outcome.occlusion.coasting < 2 and (outcome.occlusion.coasting == 0 or outcome.share > _NOTHING)
     report = LayersReport(
         box=Box(x * k, y * k, outcome.box.w * k, outcome.box.h * k),
         ok=ok,
@@ -332,6 +337,6 @@ def _advance(state: LayersState, frame: Frame, params: LayersParams) -> LayersSt
     longest = max(state.box[2], state.box[3])
     if longest > 1.4 * params.working_size or (state.step > 1 and longest < 0.4 * params.working_size):
         state = memory.rescale(state, lattice_step(longest * state.step, params.working_size))
-    margin = _margin(state.box, state.occlusion.coasting, params)
+    margin = _margin(state.box, state.count, state.occlusion.coasting, params)
     origin, size = place_window(state.box, state.velocity, margin, _extent(frame, state.step))
     return memory.move(state, grab(frame, origin, size, state.step), origin)
