@@ -34,6 +34,7 @@ F32 = NDArray[np.float32]
 _COLOUR_THRESHOLD = 2.0
 _CONTRAST = 32.0
 _MASK_FLOOR = 0.15
+_KEY_MATCH = 0.7
 _MIN_SIDE = 6.0
 _LOOKS, _SPIRAL = 4, 60
 _GOOD, _WEAK, _BAD = "good", "weak", "bad"
@@ -565,16 +566,12 @@ def _hold(state: PropagationState, view: _View, carried: _Carried, p: Propagatio
     """Pose drawn half-way to the best keyframe, and the agreement with each keyframe."""
     g, pose = state.geometry, carried.pose
     scores = [anchor.correlation(carried.current, key, g.inner) for key in state.model.keys]
-    best, found = 0.7, None
-    for index in sorted(range(len(scores)), key=lambda i: -scores[i])[:2]:
-        key = state.model.keys[index]
-        _, _, motion = _register(key, carried.current, carried.prior, p, p.key_levels)
-        candidate = _applied(pose, motion, g, p.max_key_scale)
-        score = anchor.correlation(view.fine(candidate), key, g.inner)
-        if score > max(best, scores[index]):
-            best, found = score, candidate
-        scores[index] = max(scores[index], score)
-    if found is not None:
+    index = max(range(len(scores)), key=lambda i: scores[i])
+    key, before = state.model.keys[index], scores[index]
+    _, _, motion = _register(key, carried.current, carried.prior, p, p.key_levels)
+    found = _applied(pose, motion, g, p.max_key_scale)
+    scores[index] = max(before, anchor.correlation(view.fine(found), key, g.inner))
+    if scores[index] > max(before, _KEY_MATCH):
         pose = pose.moved(0.5 * (found.cx - pose.cx), 0.5 * (found.cy - pose.cy))
         pose = pose.scaled(math.sqrt(found.sx / pose.sx))
     return pose, scores
@@ -641,13 +638,16 @@ def _learn(
     model: _Model, view: _View, g: _Geometry, pose: Pose, carried: _Carried, best_key: float, p: PropagationParams
 ) -> _Model:
     patch, raw, rate = model.previous, view.coarse(pose), np.float32(p.patch_rate)
-    located = anchor.learn(model.located, _channels(raw, model.likelihood, g), p.filter_rate)
+    located = model.located
+    if model.key_age % 2 == 0:
+        # Every second frame at twice the rate: the same memory for half the transforms.
+        located = anchor.learn(located, _channels(raw, model.likelihood, g), 2.0 * p.filter_rate)
     histograms, likelihood = model.histograms, model.likelihood
     if histograms is not None:
         histograms = histograms + np.float32(p.colour_rate) * (_histograms(raw, g.inside) - histograms)
         likelihood = _likelihood(histograms)
     keys, age = model.keys, model.key_age + 1
-    if best_key < 0.7 and carried.agreement > 0.6 and age >= p.key_gap:
+    if best_key < _KEY_MATCH and carried.agreement > 0.6 and age >= p.key_gap:
         keys, age = (keys[0], *keys[1:][2 - p.keys :], patch), 0
     mask = model.mask
     if carried.belongs is not None:
