@@ -621,7 +621,7 @@ def learn(
     what :func:`evidence` wrote. `ground` (h, w, C) and `counts` (3, h, w: samples, mismatches, age) are the
     background, updated in place. knobs = (shape rate, freeze, occluded). `tally` (2, bins) receives the colour counts
     of object and background. `sums` receives (known pixels outside, of these unexplained, sum of |I − B| there, its
-    85th percentile); `sample` is a workspace for that.
+    85th percentile); `sample` is a workspace for that, of pixels that are not in shadow.
     """
     h, w, channels = image.shape
     shape_rate = knobs[0]
@@ -673,7 +673,7 @@ def learn(
                 for c in range(channels):
                     d += abs(aligned[y, x, c] - ground[y, x, c])
                 total += d * mean
-                if (x + 2 * y) % 7 == 0 and taken < sample.shape[1]:
+                if (x + 2 * y) % 7 == 0 and 0.9 < gain < 1.1 and taken < sample.shape[1]:
                     sample[0, taken] = d * mean
                     taken += 1
             if not m and error < 4.0 and n >= KNOWN:

@@ -23,6 +23,7 @@ __all__ = ["reseed", "start", "step", "watch"]
 
 _FAR = 40  # lattice px: farthest an unseen object is looked for from where it is expected
 _UNSEEN = 0.12  # visible share below which the object counts as out of sight
+_YOUNG = 5  # frames before which the shape is too little known to conclude from what is missing of it
 _NOTHING = 0.02  # visible share below which that is believed at once
 
 
@@ -234,9 +235,9 @@ def _judge(
     share = hiding.visible_share(labels.mask, expected.shape, view.inside, hidden=was_hidden)
     box = masks.box_of(labels.mask, labels.odds)
     on_lattice = None if box is None else box.moved(*state.origin)
-    usable = moves.contrast >= 0.2
+    usable = moves.contrast >= 0.2 and state.count >= _YOUNG
     occlusion = hiding.judge(state.occlusion, on_lattice, moves.velocity, moves.camera, share, usable, params)
-    unseen = (share < _UNSEEN and state.count > 3 and usable) or box is None
+    unseen = (share < _UNSEEN and usable) or box is None
     occlusion = replace(occlusion, coasting=state.occlusion.coasting + 1 if unseen else 0)
     hidden = occlusion.occluded or unseen
     whole = masks.box_of((expected.shape > 0.5).view(np.uint8), None) if hidden else None
