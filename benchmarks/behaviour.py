@@ -165,7 +165,7 @@ def _update_first(factory: Factory) -> str:
 
 def _update_after_failed_init(factory: Factory) -> str:
     clip, tracker = Clip(), factory()
-    failed = _attempt(lambda: tracker.init(clip.frames[0], (0, 0, 0, 0)))
+    failed = _attempt(lambda: tracker.init(clip.frames[0], (500, 500, 20, 20)))
     return f"init: {failed}, update: {_attempt(lambda: tracker.update(clip.frames[0])[0])}"
 
 
