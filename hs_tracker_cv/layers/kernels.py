@@ -621,7 +621,7 @@ def learn(
     what :func:`evidence` wrote. `ground` (h, w, C) and `counts` (3, h, w: samples, mismatches, age) are the
     background, updated in place. knobs = (shape rate, freeze, occluded). `tally` (2, bins) receives the colour counts
     of object and background. `sums` receives (known pixels outside, of these unexplained, sum of |I − B| there, its
-    85th percentile); `sample` is a workspace for that, of pixels that are not in shadow.
+    85th percentile); `sample` is a workspace for that.
     """
     h, w, channels = image.shape
     shape_rate = knobs[0]
@@ -673,7 +673,11 @@ def learn(
                 for c in range(channels):
                     d += abs(aligned[y, x, c] - ground[y, x, c])
                 total += d * mean
-                if (x + 2 * y) % 7 == 0 and 0.9 < gain < 1.1 and taken < sample.shape[1]:
+                if (x + 2 * y) % 7 == 0 and taken < sample.shape[1]:
+                    if gain < 0.9 or gain > 1.1:  # in shadow, by what the shadow leaves unexplained
+                        d = 0.0
+                        for c in range(channels):
+                            d += abs(aligned[y, x, c] - gain * ground[y, x, c])
                     sample[0, taken] = d * mean
                     taken += 1
             if not m and error < 4.0 and n >= KNOWN:
