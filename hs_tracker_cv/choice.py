@@ -1,9 +1,12 @@
 """Which of the two modes to follow: segmentation by motion, or the box carried by flow.
 
-Segmentation is worth following only while its background memory explains the pixels outside its mask. How many of
-them it leaves unexplained is measured in every frame; the running mean of the logarithm decides. It is a choice of
-regime, not a judge of which box is better in this frame: the two boxes' agreement, their sizes and their own scores
-were measured to be worse witnesses.
+Two measurements, one sum. Segmentation is worth following while its background memory explains the pixels outside
+its mask; and while the segment has the size of what the user drew. The carried box is the witness of the latter, but
+only while it is young: in its first frames it cannot have drifted from what was drawn, later it may, and its size
+says nothing any more. So the second measurement is taken in the first frames and kept.
+
+The other witnesses that were measured (agreement of the boxes' places, the carried box's own scores, mean difference
+from the background, flow that strays from the camera's) separate the laboratory from the street less well.
 """
 
 from __future__ import annotations
@@ -11,28 +14,34 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["UNEXPLAINED_LIMIT", "Choice", "judge"]
+from .geometry import Box
 
-UNEXPLAINED_LIMIT = 0.03
-"""Running share of known background outside the mask that contradicts the background memory, above which
-segmentation is not followed."""
+__all__ = ["WITNESS_FRAMES", "Choice", "judge", "size_difference"]
 
+WITNESS_FRAMES = 20
+"""Frames after the start in which the size of the carried box can be relied on."""
+
+_LIMIT = -1.4
+_SIZE_WEIGHT = 5.0
 _FLOOR = 0.01
 _RATE = 0.05
 _HYSTERESIS = 0.1
-_FIRST_SWITCH = 3
+_FIRST_SWITCH = 6
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The running measurement and what follows from it.
+    """The running measurements and what follows from them.
 
     Parameters
     ----------
     frames : int
         Frames judged so far.
     log_unexplained : float
-        Running mean of log(unexplained share + 0.01).
+        Running mean of log(unexplained share of the background + 0.01).
+    size_difference : float
+        Mean |log ratio| of the widths plus that of the heights of the two boxes, over the first
+        `WITNESS_FRAMES` frames.
     trusted : bool
         True while segmentation is followed.
     since : int
@@ -41,6 +50,7 @@ class Choice:
 
     frames: int = 0
     log_unexplained: float = 0.0
+    size_difference: float = 0.0
     trusted: bool = True
     since: int = 0
 
@@ -49,9 +59,14 @@ class Choice:
         """Running share of the background that its memory does not explain, 0–1."""
         return math.exp(self.log_unexplained) - _FLOOR
 
+    @property
+    def doubt(self) -> float:
+        """How far the measurements speak against segmentation: positive, they do; negative, they do not."""
+        return self.log_unexplained + _SIZE_WEIGHT * self.size_difference - _LIMIT
 
-def judge(choice: Choice, unexplained: float) -> Choice:
-    """Take in the measurement of one frame.
+
+def judge(choice: Choice, unexplained: float, difference: float) -> Choice:
+    """Take in the measurements of one frame.
 
     Parameters
     ----------
@@ -59,6 +74,8 @@ def judge(choice: Choice, unexplained: float) -> Choice:
         What was known before.
     unexplained : float
         Share of the known background outside the mask that its memory does not explain in this frame, 0–1.
+    difference : float
+        `size_difference` of the two boxes in this frame; not used after the first `WITNESS_FRAMES`.
 
     Returns
     -------
@@ -66,8 +83,23 @@ def judge(choice: Choice, unexplained: float) -> Choice:
     """
     frames = choice.frames + 1
     # A plain mean at first, an exponential one later.
-    rate = max(_RATE, 1.0 / frames)
-    mean = choice.log_unexplained + rate * (math.log(unexplained + _FLOOR) - choice.log_unexplained)
-    slack = _HYSTERESIS if choice.trusted else -_HYSTERESIS
-    trusted = choice.trusted if frames < _FIRST_SWITCH else mean < math.log(UNEXPLAINED_LIMIT + _FLOOR) + slack
-    return Choice(frames, mean, trusted, choice.since + 1 if trusted == choice.trusted else 0)
+    mean = choice.log_unexplained + max(_RATE, 1.0 / frames) * (
+        math.log(unexplained + _FLOOR) - choice.log_unexplained
+    )
+    size = choice.size_difference
+    if frames <= WITNESS_FRAMES:
+        size += (difference - size) / frames
+    seen = Choice(frames, mean, size, choice.trusted, choice.since + 1)
+    trusted = seen.trusted if frames < _FIRST_SWITCH else seen.doubt < (_HYSTERESIS if seen.trusted else -_HYSTERESIS)
+    return seen if trusted == choice.trusted else Choice(frames, mean, size, trusted)
+
+
+def size_difference(a: Box, b: Box) -> float:
+    """|log ratio| of the widths plus that of the heights; 0 for boxes of equal size.
+
+    Examples
+    --------
+    >>> size_difference(Box(0, 0, 20, 10), Box(5, 5, 20, 10))
+    0.0
+    """
+    return sum(abs(math.log(max(one, 1.0) / max(other, 1.0))) for one, other in ((a.w, b.w), (a.h, b.h)))

@@ -121,11 +121,8 @@ def as_roi(bounding_box: Any, frame: Frame) -> Box:
     InputError
         If it has not four finite numbers, or less than 4 × 4 px inside the frame.
     """
-    try:
-        values = np.asarray(bounding_box, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"expected a boundingBox of four numbers (x, y, w, h), got {bounding_box!r}") from error
-    if values.shape != (4,) or isinstance(bounding_box, str | bytes):
+    values = _four_numbers(bounding_box)
+    if values is None:
         raise InputError(f"expected a boundingBox of four numbers (x, y, w, h), got {bounding_box!r}")
     if not np.isfinite(values).all():
         raise InputError(f"expected a finite boundingBox, got {bounding_box!r}")
@@ -139,6 +136,19 @@ def as_roi(bounding_box: Any, frame: Frame) -> Box:
             f"{frame.width} × {frame.height} frame, got {bounding_box!r}"
         )
     return inside
+
+
+def _four_numbers(values: Any) -> NDArray[np.float64] | None:
+    try:
+        array = np.asarray(values)
+        # Neither text that looks like numbers, nor dates, nor complex numbers are coordinates.
+        if array.shape != (4,) or array.dtype.kind not in "iufO":
+            return None
+        if array.dtype.kind == "O" and any(isinstance(value, str | bytes | complex) for value in array):
+            return None
+        return array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def crop(frame: Frame, x0: int, y0: int, width: int, height: int) -> NDArray[np.float32]:
@@ -159,9 +169,11 @@ def crop(frame: Frame, x0: int, y0: int, width: int, height: int) -> NDArray[np.
     """
     left, top = min(max(x0, 0), frame.width - 1), min(max(y0, 0), frame.height - 1)
     right, bottom = min(max(x0 + width, left + 1), frame.width), min(max(y0 + height, top + 1), frame.height)
-    part = frame.pixels[top:bottom, left:right].astype(np.float32)
-    if frame.gain != 1.0:
-        part *= np.float32(frame.gain)
+    # Values beyond float32 become infinite, and infinite ones black below.
+    with np.errstate(over="ignore", invalid="ignore"):
+        part = frame.pixels[top:bottom, left:right].astype(np.float32)
+        if frame.gain != 1.0:
+            part *= np.float32(frame.gain)
     if frame.pixels.dtype.kind == "f":
         np.nan_to_num(part, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
         np.clip(part, 0.0, 255.0, out=part)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import layers, propagation
-from .choice import Choice, judge
+from .choice import WITNESS_FRAMES, Choice, judge, size_difference
 from .flow import derivatives, normal_flow
 from .frames import Frame, InputError, as_frame, as_roi
 from .geometry import Box
@@ -28,10 +28,16 @@ NOWHERE = (0, 0, 0, 0)
 """The box that cv2's trackers return with ``False``."""
 
 SEEN_MARGIN = 16
-"""Margin round the box, px, in which a frame must repeat the last one bit by bit to count as the same frame."""
+"""Margin round the box, px, in which a frame must repeat the first one bit by bit to count as the same frame."""
 
 LAYERS = layers.LayersParams()
 PROPAGATION = propagation.PropagationParams()
+
+RIDE_EVERY = 4
+"""Frames between two looks of the carried box while it rides on the segment."""
+
+RIDE_DOUBT = -0.3
+"""Doubt below which the carried box may learn from the segment."""
 
 TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
 
@@ -74,7 +80,7 @@ class TrackerDebug:
 
 @dataclass(frozen=True)
 class _Seen:
-    """The part of the last frame round the box, to recognise a frame that comes twice."""
+    """The part of the first frame round the box: OpenCV's own sample gives that frame to `update` too."""
 
     x0: int
     y0: int
@@ -99,11 +105,10 @@ class _Track:
     layers: layers.LayersState | None
     propagation: propagation.PropagationState | None
     choice: Choice
-    seen: _Seen
     box: Box
+    first: _Seen | None = None
     score: float = 1.0
     state: TrackerState = "tracking"
-    updated: bool = False
 
 
 class TrackerHS:
@@ -168,8 +173,8 @@ class TrackerHS:
             layers=None if mode == "propagation" else layers.start(frame, box, LAYERS),
             propagation=None if mode == "layers" else propagation.start(frame, box, PROPAGATION),
             choice=Choice(trusted=mode != "propagation"),
-            seen=_Seen.of(frame, box),
             box=box,
+            first=_Seen.of(frame, box),
         )
         self._shape = frame.pixels.shape
         self._dtype, self._gain = frame.pixels.dtype, frame.gain
@@ -200,10 +205,12 @@ class TrackerHS:
         """
         if self._track is None:
             raise InputError("update needs a successful init first")
+        if isinstance(image, cv2.UMat):
+            image = image.get()
         if image is None or (isinstance(image, np.ndarray) and image.size == 0):
             return False, NOWHERE
         frame = self._frame(image)
-        if not self._track.seen.again(frame):
+        if self._track.first is None or not self._track.first.again(frame):
             self._track = _advance(self._track, frame)
         if self._track.state != "tracking":
             return False, NOWHERE
@@ -242,7 +249,7 @@ class TrackerHS:
             Before the first update.
         """
         track = self._track
-        if track is None or not track.updated:
+        if track is None or track.first is not None:
             raise InputError("debug needs an update first")
         view = _view(_followed(track.layers, track.propagation, track.choice))
         fx, fy, ft = derivatives(view.previous, view.current)
@@ -262,8 +269,6 @@ class TrackerHS:
 
     def _frame(self, image: Any) -> Frame:
         """Check that an image can be the next frame of this video."""
-        if isinstance(image, cv2.UMat):
-            image = image.get()
         same_kind = isinstance(image, np.ndarray) and image.dtype == self._dtype
         frame = as_frame(image, self._gain if same_kind else None)
         if frame.pixels.shape != self._shape:
@@ -276,23 +281,42 @@ class TrackerHS:
 
 
 def _advance(track: _Track, frame: Frame) -> _Track:
-    """Take one frame in: both modes look, the rule chooses, the track is replaced."""
-    carried = propagation.step(track.propagation, frame, PROPAGATION) if track.propagation else None
-    segmented = _segment(track, carried, frame) if track.layers else None
+    """Take one frame in: the modes look, the rule chooses, the track is replaced."""
+    segmented, carried = _look(track, frame)
     choice = track.choice
     if segmented and carried:
-        choice = judge(choice, segmented.report.unexplained)
+        difference = size_difference(segmented.report.box, carried.report.box)
+        choice = judge(choice, segmented.report.unexplained, difference)
     report = _followed(segmented, carried, choice).report
     return _Track(
         layers=segmented,
         propagation=carried,
         choice=choice,
-        seen=_Seen.of(frame, report.box),
         box=report.box,
         score=report.score,
-        state=_state(report),
-        updated=True,
+        state=_state(report, frame),
     )
+
+
+def _look(track: _Track, frame: Frame) -> tuple[LayersState | None, PropagationState | None]:
+    """Both modes whole while the choice is young; then the one followed, and of the other what keeps it ready.
+
+    Ready means: segmentation goes on learning the background round the carried box, which is also what its trust is
+    measured on; the carried box rides on the segment and learns from it.
+    """
+    segmented, carried = track.layers, track.propagation
+    if segmented is None or carried is None or track.choice.frames < WITNESS_FRAMES:
+        return (
+            layers.step(segmented, frame, LAYERS) if segmented else None,
+            propagation.step(carried, frame, PROPAGATION) if carried else None,
+        )
+    if not track.choice.trusted:
+        carried = propagation.step(carried, frame, PROPAGATION)
+        return layers.watch(segmented, frame, carried.report.box, LAYERS), carried
+    segmented = layers.step(segmented, frame, LAYERS)
+    if segmented.report.ok and track.choice.doubt < RIDE_DOUBT and track.choice.frames % RIDE_EVERY == 0:
+        carried = propagation.reseat(carried, frame, segmented.report.box, PROPAGATION, learn=True)
+    return segmented, carried
 
 
 def _followed(
@@ -302,14 +326,6 @@ def _followed(
     chosen = segmented if segmented and (choice.trusted or carried is None) else carried
     assert chosen is not None, "init starts at least one mode"
     return chosen
-
-
-def _segment(track: _Track, carried: PropagationState | None, frame: Frame) -> LayersState:
-    """Segmentation whole while it is followed; only what its trust needs while it is not."""
-    assert track.layers is not None
-    if track.choice.trusted or carried is None:
-        return layers.step(track.layers, frame, LAYERS)
-    return layers.watch(track.layers, frame, carried.report.box, LAYERS)
 
 
 class _View(NamedTuple):
@@ -338,8 +354,9 @@ def _view(state: LayersState | PropagationState) -> _View:
     return _View(window, step_x, previous, current, debug["flow"], None)
 
 
-def _state(report: LayersReport | PropagationReport) -> TrackerState:
-    if report.ok:
+def _state(report: LayersReport | PropagationReport, frame: Frame) -> TrackerState:
+    inside = report.box.clip(frame.width, frame.height)
+    if report.ok and min(inside.w, inside.h) >= 1.0:
         return "tracking"
     return "occluded" if isinstance(report, LayersReport) and report.occluded else "lost"
 

@@ -6,47 +6,80 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hs_tracker_cv.choice import UNEXPLAINED_LIMIT, Choice, judge
+from hs_tracker_cv.choice import WITNESS_FRAMES, Choice, judge, size_difference
+from hs_tracker_cv.geometry import Box
+
+shares = st.floats(0, 1)
+differences = st.floats(0, 3)
 
 
-def after(count: int, unexplained: float, choice: Choice | None = None) -> Choice:
-    """The choice after the same measurement `count` times."""
+def after(count: int, unexplained: float, difference: float = 0.0, choice: Choice | None = None) -> Choice:
+    """The choice after the same measurements `count` times."""
     choice = choice or Choice()
     for _ in range(count):
-        choice = judge(choice, unexplained)
+        choice = judge(choice, unexplained, difference)
     return choice
 
 
-@pytest.mark.parametrize(("unexplained", "trusted"), [(0.0, True), (0.01, True), (0.1, False), (1.0, False)])
-def test_segmentation_is_followed_while_the_background_is_explained(unexplained: float, trusted: bool) -> None:
-    """A quiet background keeps segmentation, one that contradicts its memory ends it."""
-    assert after(10, unexplained).trusted is trusted
+@pytest.mark.parametrize(
+    ("unexplained", "difference", "trusted"),
+    [
+        (0.0, 0.0, True),  # all explained, sizes agree: the laboratory
+        (0.05, 0.0, True),  # compressed video, a good segment
+        (0.05, 0.4, False),  # the same background, but the segment is not what was drawn
+        (0.0, 0.4, True),  # an object that changes its shape before an explained background
+        (0.8, 0.0, False),  # nothing of the background is explained
+    ],
+)
+def test_both_measurements_count(unexplained: float, difference: float, trusted: bool) -> None:
+    """Segmentation is left when the background is unexplained or the size disagrees, each in view of the other."""
+    assert after(30, unexplained, difference).trusted is trusted
 
 
 def test_no_switch_on_the_first_frames() -> None:
-    """Two frames are too few to leave segmentation."""
-    assert after(2, 1.0).trusted
-    assert not after(3, 1.0).trusted
+    """Five frames are too few to leave segmentation."""
+    assert after(5, 1.0, 2.0).trusted
+    assert not after(6, 1.0, 2.0).trusted
 
 
-def test_a_constant_is_reported_as_it_is() -> None:
-    """The running mean of a constant is the constant."""
-    assert after(30, 0.25).unexplained == pytest.approx(0.25)
+def test_the_witness_is_heard_only_while_it_is_young() -> None:
+    """Sizes that part later change nothing."""
+    choice = after(WITNESS_FRAMES, 0.05, 0.0)
+    assert after(100, 0.05, 2.0, choice).size_difference == choice.size_difference == 0.0
 
 
-def test_near_the_limit_the_choice_stays() -> None:
-    """Hysteresis: 5 % off the limit switches in neither direction, a clear change in both."""
-    assert after(50, UNEXPLAINED_LIMIT * 1.05).trusted
-    distrusted = after(10, 0.5)
-    assert not after(300, UNEXPLAINED_LIMIT * 0.95, distrusted).trusted
-    assert after(300, 0.0, distrusted).trusted
+def test_constants_are_reported_as_they_are() -> None:
+    """The running means of constants are the constants."""
+    choice = after(30, 0.25, 0.3)
+    assert choice.unexplained == pytest.approx(0.25)
+    assert choice.size_difference == pytest.approx(0.3)
 
 
-@given(st.lists(st.floats(0, 1), max_size=30))
-def test_since_counts_frames_since_the_last_switch(values: list[float]) -> None:
-    """`since` restarts at each switch and at no other time."""
+def test_trust_comes_back_with_the_background() -> None:
+    """A passer-by ends trust for a while, not for ever."""
+    distrusted = after(40, 0.9)
+    assert not distrusted.trusted
+    assert after(200, 0.0, 0.0, distrusted).trusted
+
+
+@given(st.lists(st.tuples(shares, differences), max_size=40))
+def test_a_switch_needs_doubt_and_restarts_the_count(values: list[tuple[float, float]]) -> None:
+    """Trust changes only where the doubt has passed zero by the hysteresis; `since` restarts at each change."""
     choice = Choice()
     for value in values:
-        following = judge(choice, value)
-        assert following.since == (choice.since + 1 if following.trusted == choice.trusted else 0)
+        following = judge(choice, *value)
+        if following.trusted != choice.trusted:
+            assert following.since == 0
+            assert (following.doubt > 0) is choice.trusted
+        else:
+            assert following.since == choice.since + 1
         choice = following
+
+
+@given(st.floats(1, 500), st.floats(1, 500), st.floats(0.2, 5))
+def test_size_difference_is_symmetric_and_free_of_scale(w: float, h: float, factor: float) -> None:
+    """Neither the order of the boxes nor the size of the picture matters."""
+    a, b = Box(0, 0, 10 * w, 10 * h), Box(3, 4, 12 * w, 7 * h)
+    assert size_difference(a, b) == pytest.approx(size_difference(b, a))
+    scaled = [Box(0, 0, box.w * factor, box.h * factor) for box in (a, b)]
+    assert size_difference(*scaled) == pytest.approx(size_difference(a, b))
