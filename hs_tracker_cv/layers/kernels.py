@@ -521,8 +521,8 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
 def label(image, warped, ll, grown, ratio, trust, bins, out):
     """Log-odds of object after this frame's evidence: 0.9 warped + 0.7 ll + trust · colour ratio.
 
-    `grown` is 1 where the object has grown, 2 on a distractor; `ll` is changed there. `ratio` is the log-ratio of the
-    colour histograms per bin, clipped; `bins` receives each pixel's bin.
+    `grown` is 1 where the object has grown, 2 on a distractor, 3 where that covers the object; `ll` is changed there.
+    `ratio` is the log-ratio of the colour histograms per bin, clipped; `bins` receives each pixel's bin.
     """
     h, w, channels = image.shape
     for y in range(h):
@@ -539,6 +539,9 @@ def label(image, warped, ll, grown, ratio, trust, bins, out):
             if grown[y, x] == 1:
                 ll[y, x] = max(ll[y, x], 2.0)
                 s = max(s, -0.5)
+            elif grown[y, x] == 3:
+                ll[y, x] = min(ll[y, x], -2.0)
+                s = min(s, -1.0)
             elif grown[y, x] == 2 and s < 1.0:
                 ll[y, x] = min(ll[y, x], -1.0)
             p = 0.9 * s + 0.7 * ll[y, x] + trust * ratio[b]

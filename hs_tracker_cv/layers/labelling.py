@@ -110,6 +110,7 @@ def assign(
     state: LayersState,
     view: View,
     expected: Expected,
+    moves: motion.Moves,
     evidence_: tuple[NDArray[np.float32], masks.Mask],
     params: LayersParams,
 ) -> Labels:
@@ -120,6 +121,12 @@ def assign(
     if state.occlusion.occluded or state.occlusion.coasting:
         distractor = np.zeros_like(distractor)  # what comes out from behind something may be the object itself
         grown[grown == 2] = 0
+    area = int(np.count_nonzero(expected.odds > 0))
+    in_front = masks.follow_distractor(
+        state.distractor, moves.flow, state.previous, view.image, expected.obj, state.noise, area
+    )
+    distractor |= in_front
+    grown[in_front != 0] = 3
     ratio, trust = colour.likelihood(state.colours, params.colour_weight)
     bins = np.empty((h, w), np.int16)
     raw = np.empty((h, w), np.float32)

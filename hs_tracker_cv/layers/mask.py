@@ -10,10 +10,12 @@ from ..geometry import Box
 from .kernels import alpha_edge
 from .state import Image, Plane
 
-__all__ = ["Mask", "box_of", "component", "dilate", "grow", "refine_edge"]
+__all__ = ["Mask", "box_of", "component", "dilate", "follow_distractor", "grow", "refine_edge"]
 
 Mask = NDArray[np.uint8]
 
+_SMALLEST_DISTRACTOR = 20  # px; less has no flow of its own
+_SMALLEST_SHARE = 0.06  # of the object's area; less is rather compression than an object
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
@@ -69,6 +71,27 @@ def _other_components(apart: Mask, near: Mask, smallest: float) -> Mask:
     keep[labels[near != 0]] = False
     keep[0] = False
     return np.asarray(keep[labels], dtype=np.uint8)
+
+
+def follow_distractor(
+    distractor: Mask, flow: NDArray[np.float32], previous: Image, image: Image, obj: Image, noise: float, area: int
+) -> Mask:
+    """Where the distractor of the last frame is now, in front of the object too.
+
+    It moves by the median of its flow; a pixel stays its own if that explains it, and clearly better than the
+    object layer does. Only one of some size, against the object's `area`, can hide much of it.
+    """
+    inside = distractor != 0
+    if np.count_nonzero(inside) < max(_SMALLEST_DISTRACTOR, _SMALLEST_SHARE * area):
+        return np.zeros_like(distractor)
+    u, v = (float(np.median(flow[:, :, i][inside])) for i in (0, 1))
+    matrix = np.array(((1.0, 0.0, u), (0.0, 1.0, v)))
+    size = (distractor.shape[1], distractor.shape[0])
+    there = cv2.warpAffine(dilate(distractor, 3), matrix, size, flags=cv2.INTER_NEAREST) != 0
+    moved = cv2.warpAffine(previous, matrix, size, borderMode=cv2.BORDER_REPLICATE).reshape(image.shape)
+    own = np.abs(image - moved).mean(axis=2)
+    other = np.abs(image - obj).mean(axis=2)
+    return np.asarray(there & (own < 3.0 * noise + 3.0) & (own < 0.6 * other), dtype=np.uint8)
 
 
 def component(odds: Plane, warped: Plane) -> Mask:

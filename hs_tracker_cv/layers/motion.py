@@ -70,6 +70,8 @@ def find(state: LayersState, view: View, params: LayersParams) -> Moves:
     obj = (state.odds > 0).view(np.uint8)
     grid = _grid_of(obj, state)
     weight = (state.visible if state.occlusion.occluded else obj).astype(np.float32)
+    if state.count == 0:  # the corners of a drawn box are ground, more often than not
+        weight = np.clip(state.odds, 0.0, 1.0).astype(np.float32)
     predicted = _predict(state, view.image, weight, grid, view.inside)
     near = dilate(obj, 5)
     flow = _dense_flow(view, near, grid, predicted[0], state, params)

@@ -121,7 +121,7 @@ def step(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
         if shift != (0, 0):
             expected, moves = labelling.displace(expected, shift), motion.displace(moves, shift)
             evidence = labelling.weigh(state, view, expected, moves)
-    labels = labelling.assign(state, view, expected, evidence, params)
+    labels = labelling.assign(state, view, expected, moves, evidence, params)
     outcome = _judge(state, view, moves, expected, labels, params)
     hidden = outcome.occlusion.occluded or outcome.occlusion.coasting > 0
     learned = memory.learn_frame(
