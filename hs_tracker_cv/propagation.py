@@ -74,7 +74,7 @@ class PropagationParams:
     key_gap : int
         Fewest good frames between two new keyframes.
     patience : int
-        Bad frames bridged by the velocity before the object counts as lost.
+        Frames without good agreement before the object counts as lost; bad ones are bridged by the velocity.
     confidence : float
         Least sum of peak height and agreement with the first keyframe that is believed.
     weak : float
@@ -86,6 +86,9 @@ class PropagationParams:
         a sum of peak height and agreement over `sure`.
     near, near_level, follow_level : float
         Any other needs `near_level`; within `near` box sizes, `follow_level` is enough to follow without learning.
+    drop, match_rate, doubt : float
+        Agreement with the best keyframe under `drop` of its running mean (rate `match_rate`) is not learned, unless
+        the sum of peak height and agreement with the first keyframe is over `doubt`.
     separation : float
         Difference of motion, fine samples per frame, from which object and surroundings are told apart.
     mask_rate : float
@@ -121,6 +124,9 @@ class PropagationParams:
     near: float = 0.35
     near_level: float = 0.45
     follow_level: float = 0.4
+    drop: float = 0.45
+    doubt: float = 0.65
+    match_rate: float = 0.1
     separation: float = 0.3
     mask_rate: float = 0.1
 
@@ -212,6 +218,7 @@ class PropagationState:
     velocity: tuple[float, float]
     model: _Model
     peak: float
+    match: float
     good_frames: int
     low: int
     report: PropagationReport
@@ -370,7 +377,9 @@ def start(frame: Frame, box: Box, params: PropagationParams) -> PropagationState
         "ncc": 1.0, "peak": 1.0, "keys": [1.0], "response": np.zeros_like(g.window), "mask": model.mask,
         "verdict": _GOOD,
     }  # fmt: skip
-    return PropagationState(g, pose, (0.0, 0.0), model, 1.0, 1, 0, PropagationReport(box, True, 1.0, False, debug))
+    return PropagationState(
+        g, pose, (0.0, 0.0), model, 1.0, 1.0, 1, 0, PropagationReport(box, True, 1.0, False, debug)
+    )
 
 
 def _first_model(view: _View, g: _Geometry, pose: Pose, p: PropagationParams) -> _Model:
@@ -404,12 +413,13 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     carried = _carry(state, view, found.pose, params)
     pose, keys = _hold(state, view, carried, params)
     pose = _gate_scale(pose, state.pose, max(carried.agreement, *keys), g, frame)
-    verdict = _judge(state, frame, pose, expected, found.height, keys[0], params)
+    verdict = _judge(state, frame, pose, expected, found.height, keys, params)
     pose, velocity, low = _settle(state, pose, found.pose, verdict, params)
     lost = low > params.patience
-    model = state.model if lost else replace(state.model, previous=view.fine(pose))
-    peak, good_frames = state.peak, state.good_frames
+    model = state.model if lost and verdict == _BAD else replace(state.model, previous=view.fine(pose))
+    peak, match, good_frames = state.peak, state.match, state.good_frames
     if verdict == _GOOD:
+        match += params.match_rate * (max(keys) - match)
         model = _learn(model, view, g, pose, carried, max(keys), params)
         good_frames += 1
         peak += max(0.05, 1.0 / good_frames) * (found.height - peak)
@@ -421,7 +431,7 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
             "response": found.response, "mask": model.mask, "verdict": verdict,
         },
     )  # fmt: skip
-    return PropagationState(g, pose, velocity, model, peak, good_frames, low, report)
+    return PropagationState(g, pose, velocity, model, peak, match, good_frames, low, report)
 
 
 @dataclass(frozen=True)
@@ -450,7 +460,7 @@ def _look(state: PropagationState, view: _View, at: Pose, expected: Pose, penalt
 
 def _find(state: PropagationState, view: _View, expected: Pose, p: PropagationParams) -> _Found:
     g = state.geometry
-    penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
+    penalty = p.distance_penalty / (1.0 + 0.5 * min(state.low, p.patience))
     best = _look(state, view, expected, expected, penalty)
     if best.height < p.weak * state.peak:
         for across, down in _elsewhere(state.low - p.patience):
@@ -566,12 +576,16 @@ def _hold(state: PropagationState, view: _View, carried: _Carried, p: Propagatio
     """Pose drawn half-way to the best keyframe, and the agreement with each keyframe."""
     g, pose = state.geometry, carried.pose
     scores = [anchor.correlation(carried.current, key, g.inner) for key in state.model.keys]
-    index = max(range(len(scores)), key=lambda i: scores[i])
-    key, before = state.model.keys[index], scores[index]
-    _, _, motion = _register(key, carried.current, carried.prior, p, p.key_levels)
-    found = _applied(pose, motion, g, p.max_key_scale)
-    scores[index] = max(before, anchor.correlation(view.fine(found), key, g.inner))
-    if scores[index] > max(before, _KEY_MATCH):
+    best, found = _KEY_MATCH, None
+    for index in sorted(range(len(scores)), key=lambda i: -scores[i])[:2]:
+        key = state.model.keys[index]
+        _, _, motion = _register(key, carried.current, carried.prior, p, p.key_levels)
+        candidate = _applied(pose, motion, g, p.max_key_scale)
+        score = anchor.correlation(view.fine(candidate), key, g.inner)
+        if score > max(best, scores[index]):
+            best, found = score, candidate
+        scores[index] = max(scores[index], score)
+    if found is not None:
         pose = pose.moved(0.5 * (found.cx - pose.cx), 0.5 * (found.cy - pose.cy))
         pose = pose.scaled(math.sqrt(found.sx / pose.sx))
     return pose, scores
@@ -591,23 +605,24 @@ def _judge(
     pose: Pose,
     expected: Pose,
     height: float,
-    first: float,
+    keys: list[float],
     p: PropagationParams,
 ) -> str:
     """Believe the pose and learn, only follow, or reject it.
 
     Peak height and agreement with the *first* keyframe tell a good box from a bad one far better than agreement
-    with what was learned lately: a mistake that has been learned agrees with itself.
+    with what was learned lately: a mistake that has been learned agrees with itself. A sudden loss of agreement
+    with all keyframes is how an occlusion begins, and must not be learned either.
     """
-    g, level = state.geometry, height / max(state.peak, 1e-3)
+    g, level, evidence = state.geometry, height / max(state.peak, 1e-3), height + keys[0]
     jump = math.hypot(pose.cx - expected.cx, pose.cy - expected.cy)
     jump /= math.sqrt(g.w * g.h * expected.sx * expected.sy)
     box = _box(g, pose)
     if box.clip(frame.width, frame.height).area < 0.2 * box.area:
         return _BAD
-    enough = level > p.near_level if jump < p.far else level > p.far_level or height + first > p.sure
-    if enough and height + first > p.confidence:
-        return _GOOD
+    enough = level > p.near_level if jump < p.far else level > p.far_level or evidence > p.sure
+    if enough and evidence > p.confidence:
+        return _WEAK if evidence < p.doubt and max(keys) < p.drop * state.match else _GOOD
     return _WEAK if jump < p.near and level > p.follow_level else _BAD
 
 
@@ -622,7 +637,7 @@ def _settle(
         rate = p.velocity_rate
         return pose, (vx + rate * (pose.cx - old.cx - vx), vy + rate * (pose.cy - old.cy - vy)), 0
     if verdict == _WEAK:
-        return replace(coarse, sx=old.sx, sy=old.sy), (0.5 * vx, 0.5 * vy), min(state.low, p.patience)
+        return replace(coarse, sx=old.sx, sy=old.sy), (0.5 * vx, 0.5 * vy), state.low + 1
     low = state.low + 1
     if low > p.patience:
         return old, (0.0, 0.0), low
@@ -638,10 +653,7 @@ def _learn(
     model: _Model, view: _View, g: _Geometry, pose: Pose, carried: _Carried, best_key: float, p: PropagationParams
 ) -> _Model:
     patch, raw, rate = model.previous, view.coarse(pose), np.float32(p.patch_rate)
-    located = model.located
-    if model.key_age % 2 == 0:
-        # Every second frame at twice the rate: the same memory for half the transforms.
-        located = anchor.learn(located, _channels(raw, model.likelihood, g), 2.0 * p.filter_rate)
+    located = anchor.learn(model.located, _channels(raw, model.likelihood, g), p.filter_rate)
     histograms, likelihood = model.histograms, model.likelihood
     if histograms is not None:
         histograms = histograms + np.float32(p.colour_rate) * (_histograms(raw, g.inside) - histograms)
