@@ -252,8 +252,8 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
     for i in range(6):
         start[i] = theta[i]
     a = np.zeros((3, 3))
-    bu = np.zeros(3)
-    bv = np.zeros(3)
+    b_u = np.zeros(3)
+    b_v = np.zeros(3)
     basis = np.zeros(3)
     basis[0] = 1.0
     scale = 1e3
@@ -262,8 +262,8 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
             for j in range(3):
                 a[i, j] = 0.0
             a[i, i] = ridge[i] * area
-            bu[i] = a[i, i] * start[i]
-            bv[i] = a[i, i] * start[3 + i]
+            b_u[i] = a[i, i] * start[i]
+            b_v[i] = a[i, i] * start[3 + i]
         for p in range(n):
             r2 = points[5, p] / (2.25 * scale * scale)
             wt = points[4, p] / ((1.0 + r2) * (1.0 + r2))
@@ -271,8 +271,8 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
             basis[2] = points[1, p]
             for i in range(3):
                 wi = wt * basis[i]
-                bu[i] += wi * points[2, p]
-                bv[i] += wi * points[3, p]
+                b_u[i] += wi * points[2, p]
+                b_v[i] += wi * points[3, p]
                 for j in range(i + 1):
                     a[i, j] += wi * basis[j]
         # _solve destroys its matrix; the upper half, unused by it, keeps a copy for the second right-hand side
@@ -282,23 +282,23 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
         l10 = a[1, 0]
         l20 = a[2, 0]
         l21 = a[2, 1]
-        _solve(a, bu)
+        _solve(a, b_u)
         a[0, 0] = d0
         a[1, 1] = d1
         a[2, 2] = d2
         a[1, 0] = l10
         a[2, 0] = l20
         a[2, 1] = l21
-        _solve(a, bv)
+        _solve(a, b_v)
         for p in range(n):
-            ru = points[2, p] - bu[0] - bu[1] * points[0, p] - bu[2] * points[1, p]
-            rv = points[3, p] - bv[0] - bv[1] * points[0, p] - bv[2] * points[1, p]
+            ru = points[2, p] - b_u[0] - b_u[1] * points[0, p] - b_u[2] * points[1, p]
+            rv = points[3, p] - b_v[0] - b_v[1] * points[0, p] - b_v[2] * points[1, p]
             points[5, p] = ru * ru + rv * rv
             points[6, p] = points[5, p]
         scale = max(0.06, 1.48 * np.sqrt(_select(points[6], n, 0.5)))
     for i in range(3):
-        theta[i] = bu[i]
-        theta[3 + i] = bv[i]
+        theta[i] = b_u[i]
+        theta[3 + i] = b_v[i]
     return scale
 
 
