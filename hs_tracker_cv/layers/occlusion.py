@@ -125,9 +125,9 @@ def find_again(
     """Translation at which the remembered object fits what is not background; (0, 0) if none fits clearly better."""
     if np.count_nonzero(different) < 0.05 * np.count_nonzero(shape > 0.5):
         return 0, 0
-    step = 1 if reach <= 10 else 2
+    step = 1 + reach // 12
     arguments = (image, obj, shape, different)
     score, still, dx, dy = search_shift(*arguments, np.array((0, 0)), reach, step, inside, noise)
     if step > 1:
-        score, _, dx, dy = search_shift(*arguments, np.array((dx, dy)), 1, 1, inside, noise)
+        score, _, dx, dy = search_shift(*arguments, np.array((dx, dy)), step - 1, 1, inside, noise)
     return (int(dx), int(dy)) if score > 1.1 * still + 0.04 and score > 0.12 else (0, 0)
