@@ -7,25 +7,25 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from numba import njit
 
 from hs_tracker_cv.flow import kernels, multigrid, pyramid, reference
 from hs_tracker_cv.flow.params import FlowParams
+from hs_tracker_cv.flow.program import ProgramWriter
 
 H, W = 7, 9
 SIZE = (H + 4) * (W + 4)
-SHAPE = tuple(np.array([H, W], np.uint64))
+SHAPE = (H, W)
 
 
 def memory(planes, seed=0):
     """Workspace of random planes, and the index of each plane's first element."""
     m = np.random.default_rng(seed).uniform(0, 255, planes * SIZE).astype(np.float32)
-    return m, list(np.arange(planes, dtype=np.uint64) * np.uint64(SIZE))
+    return m, [i * SIZE for i in range(planes)]
 
 
 def inside(m, plane):
     """Pixels of a plane, without its ring, as a view."""
-    return m[int(plane) : int(plane) + SIZE].reshape(H + 4, W + 4)[2:-2, 2:-2]
+    return m[plane : plane + SIZE].reshape(H + 4, W + 4)[2:-2, 2:-2]
 
 
 def padded(image):
@@ -33,26 +33,41 @@ def padded(image):
     return np.pad(image, 2, mode="edge").ravel()
 
 
-def compiled(kernel):
-    """Kernel made callable from here: inner kernels have no Python wrapper of their own."""
-    return njit(lambda *arguments: kernel(*arguments))
+def run(m, code, size, *numbers, **options):
+    """Run one step on the memory; return its sum."""
+    writer = ProgramWriter()
+    writer.add(code, size, *numbers, **options)
+    image = np.zeros((1, 1, 1), np.float32)
+    return writer.program().run(m, image, image, image)
 
 
-def test_pad_repeats_the_border():
-    """The ring holds the nearest pixel."""
+@pytest.mark.parametrize("depth", [1, 2])
+def test_pad_repeats_the_border(depth):
+    """The ring holds the nearest pixel, as deep as asked for, and is left alone beyond."""
     m, (a,) = memory(1)
-    expected = padded(inside(m, a).copy())
-    compiled(kernels.pad)(m, a, *SHAPE)
-    np.testing.assert_array_equal(m, expected)
+    expected = m.copy().reshape(H + 4, W + 4)
+    ring = slice(2 - depth, depth - 2 or None)
+    expected[ring, ring] = np.pad(inside(m, a).copy(), depth, mode="edge")
+    run(m, kernels.PAD, SHAPE, 0, a, rings=1, depth=depth)
+    np.testing.assert_array_equal(m.reshape(expected.shape), expected)
+
+
+def test_rings_of_zeros_of_several_planes():
+    """The rings of planes a distance apart are filled with zeros."""
+    m, planes = memory(3)
+    expected = [np.pad(inside(m, plane).copy(), 2) for plane in planes]
+    run(m, kernels.PAD, SHAPE, 0, planes[0], 0, SIZE, rings=3, depth=2, zero=True)
+    np.testing.assert_array_equal(m.reshape(3, H + 4, W + 4), expected)
 
 
 def test_cube_source_equals_the_reference():
     """The kernel's Python source, not compiled, gives the paper's derivatives."""
-    m, (a, b, fx, fy, ft) = memory(5)
+    m, planes = memory(5)
+    a, b, *slopes = planes
     for plane in (a, b):
-        m[int(plane) : int(plane) + SIZE] = padded(inside(m, plane).copy())
-    kernels.cube.py_func(m, a, b, fx, fy, ft, *SHAPE)
-    for plane, expected in zip((fx, fy, ft), reference.derivatives(inside(m, a), inside(m, b)), strict=True):
+        m[plane : plane + SIZE] = padded(inside(m, plane).copy())
+    kernels.cube.py_func(m, *np.array([a, b, slopes[0], SIZE, *SHAPE], np.uint64))
+    for plane, expected in zip(slopes, reference.derivatives(inside(m, a), inside(m, b)), strict=True):
         np.testing.assert_allclose(inside(m, plane), expected, atol=1e-3)
 
 
@@ -61,8 +76,31 @@ def test_median_equals_opencv(size):
     """The sorting network's median is cv2.medianBlur's, the border repeated."""
     m, (a, b) = memory(2)
     image = inside(m, a).copy()
-    compiled(kernels.median_filter)(m, a, b, np.uint64(size), *SHAPE)
+    run(m, kernels.PAD, SHAPE, 0, a, rings=1, depth=2)
+    run(m, kernels.MEDIAN, SHAPE, a, b, e=size)
     np.testing.assert_array_equal(inside(m, b), cv2.medianBlur(image, size))
+
+
+@pytest.mark.parametrize("repeat", [1, 4, 5])
+def test_repeated_sweeps_change_places(repeat):
+    """After an even number of turns the result is where it began, after an odd one in the other pair."""
+    m, planes = memory(7, seed=1)
+    m /= 255
+    writer = ProgramWriter()
+    for plane in planes[:2]:
+        writer.add(kernels.PAD, SHAPE, 0, plane, rings=1)
+    result, _ = writer.sweep(planes[0], planes[2], planes[4], SIZE, SHAPE, repeat, (1.0, 0.0))
+    assert result == (planes[0] if repeat % 2 == 0 else planes[2])
+    u, v = inside(m, planes[0]).copy(), inside(m, planes[1]).copy()
+    gx, gy, gt = (inside(m, plane) for plane in planes[4:])
+    for _ in range(repeat):
+        u, v = reference.average(u), reference.average(v)
+        t = gx * u + gy * v + gt
+        u, v = u - gx * t, v - gy * t
+    image = np.zeros((1, 1, 1), np.float32)
+    writer.program().run(m, image, image, image)
+    np.testing.assert_allclose(inside(m, result), u, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(inside(m, result + SIZE), v, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("n", [2, 3, 5, 9, 12])
@@ -84,7 +122,7 @@ def test_warp_is_keys_interpolation():
     inside(m, u)[:], inside(m, v)[:] = 0.0, 0.0
     inside(m, u)[3, 4], inside(m, v)[3, 4] = 0.3, -0.6
     inside(m, u)[0, 0] = -0.1
-    compiled(kernels.warp)(m, b, u, v, warped, mask, *SHAPE)
+    run(m, kernels.WARP, SHAPE, b, warped, u, SIZE, mask)
     expected = quadratic.copy()
     expected[3, 4] = 3 + 4.3**2 - 2 * 2.4**2 + 4.3 * 2.4
     np.testing.assert_allclose(inside(m, warped), expected, rtol=1e-5)
@@ -94,27 +132,42 @@ def test_warp_is_keys_interpolation():
 
 def test_restriction_sums_and_prolongation_keeps_constants():
     """Restriction gives the sum over 2 × 2 pixels; prolongation of a constant is that constant."""
-    h, w = np.uint64(8), np.uint64(8)
     ones = np.ones(4 * 144, np.float32)
     ones[144:] = 0.0
-    compiled(kernels.restrict)(ones, np.uint64(0), h, w, np.uint64(144), np.uint64(4), np.uint64(4))
+    run(ones, kernels.RESTRICT, (4, 4), 0, 144, e=8)
     coarse = ones[144 : 144 + 64].reshape(8, 8)
     np.testing.assert_array_equal(coarse[2:-2, 2:-2], 4.0)
     coarse[1:-1, 1:-1] = 4.0
-    compiled(kernels.prolong)(ones, np.uint64(144), np.uint64(4), np.uint64(4), np.uint64(288), h, w, np.uint64(432))
+    run(ones, kernels.PROLONG, (8, 8), 144, 288, 432, e=4)
     np.testing.assert_allclose(ones[288 : 288 + 144].reshape(12, 12)[2:-2, 2:-2], 4.0)
+
+
+def test_coarse_system_is_the_sum_of_products():
+    """PROJECT sums the products of the derivatives over 2 × 2 pixels; what is missing counts as zero."""
+    m, (f, *_) = memory(3)
+    run(m, kernels.PAD, SHAPE, 0, f, 0, SIZE, rings=3, zero=True)
+    fx, fy, ft = (np.pad(inside(m, i * SIZE), ((0, 1), (0, 1))) for i in range(3))
+    coarse = (H // 2 + 1 + 4) * (W // 2 + 1 + 4)
+    m = np.concatenate((m, np.zeros(5 * coarse, np.float32)))
+    run(m, kernels.PROJECT, (H // 2 + 1, W // 2 + 1), f, 3 * SIZE, 0, SIZE, W, factors=(0.5,))
+    for i, product in enumerate((fx * fx, fx * fy, fy * fy, -ft * fx, -ft * fy)):
+        plane = m[3 * SIZE + i * coarse :][:coarse].reshape(H // 2 + 5, W // 2 + 5)[2:-2, 2:-2]
+        expected = 0.5 * (product[::2, ::2] + product[1::2, ::2] + product[::2, 1::2] + product[1::2, 1::2])
+        np.testing.assert_allclose(plane, expected, rtol=1e-5)
 
 
 def test_levels_shrink_by_the_ratio_down_to_the_smallest_side():
     """The pyramid has the sizes asked for, and stops at 16 px or at the number of levels."""
     levels = pyramid.plan(100, 200, FlowParams.preset("fast", ratio=0.5))
-    assert levels.sizes.tolist() == [[100, 200], [50, 100], [25, 50]]
-    assert pyramid.plan(100, 200, FlowParams.preset("fast", levels=2)).sizes.tolist() == [[100, 200], [65, 130]]
-    assert pyramid.plan(3, 500, FlowParams.preset("fast")).sizes.tolist() == [[3, 500]]
-    for taps in (levels.presmooth, levels.blur):
+    assert levels.sizes == ((100, 200), (50, 100), (25, 50))
+    assert pyramid.plan(100, 200, FlowParams.preset("fast", levels=2)).sizes == ((100, 200), (65, 130))
+    assert pyramid.plan(3, 500, FlowParams.preset("fast")).sizes == ((3, 500),)
+    blurs = levels.program.factors[levels.program.steps[:, 0] == kernels.RESAMPLE][:, 1:4]
+    assert len(blurs) == 2 + 2 * 2 + 2 * 2
+    for taps in blurs:
         assert taps[0] + 2 * (taps[1] + taps[2]) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_grids_halve():
     """The multigrid's sizes are halved, rounding up, down to 4 px."""
-    assert multigrid.plan(19, 33).sizes.tolist() == [[19, 33], [10, 17], [5, 9], [3, 5]]
+    assert multigrid.plan(19, 33, False, 10.0).sizes == ((19, 33), (10, 17), (5, 9), (3, 5))

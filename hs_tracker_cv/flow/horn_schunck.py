@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import InputError, as_frame, crop, to_gray
-from . import kernels, multigrid, pyramid
+from . import multigrid, pyramid
 from .params import DERIVATIVES, FlowParams
 
 __all__ = ["FlowField", "HornSchunck", "derivatives", "normal_flow"]
@@ -205,11 +205,11 @@ class HornSchunck:
         frame0, frame1 = first[:, :, np.newaxis], second[:, :, np.newaxis]
         params = self.params
         if params.mode == "solve":
-            memory = self._reserve(multigrid.plan(height, width).memory)
-            multigrid.solve(frame0, frame1, out, started, params, memory)
+            grids = multigrid.plan(height, width, params.derivative == "five-tap", params.smoothness)
+            multigrid.solve(frame0, frame1, out, started, params, grids, self._reserve(grids.memory))
         else:
-            memory = self._reserve(pyramid.plan(height, width, params).memory)
-            pyramid.estimate(frame0, frame1, out, started, params, memory)
+            levels = pyramid.plan(height, width, params, started)
+            levels.program.run(self._reserve(levels.memory), frame0, frame1, out)
         return out
 
     def _reserve(self, size: int) -> NDArray[np.float32]:
@@ -274,12 +274,10 @@ def derivatives(I0: Any, I1: Any, derivative: str = "cube") -> tuple[Gray, Gray,
     first, second = _gray_pair(I0, I1, None)
     if first.shape != second.shape:
         raise InputError(f"expected two frames of one size, got {first.shape} and {second.shape}")
-    height, width = first.shape
-    out = np.empty((height, width, 3), np.float32)
-    memory = np.zeros(5 * (height + 4) * (width + 4), np.float32)
-    kernels.write_derivatives(
-        first[:, :, np.newaxis], second[:, :, np.newaxis], derivative == "five-tap", out, memory
-    )
+    out = np.empty((*first.shape, 3), np.float32)
+    levels = pyramid.slopes(first.shape[0], first.shape[1], derivative)
+    memory = np.zeros(levels.memory, np.float32)
+    levels.program.run(memory, first[:, :, np.newaxis], second[:, :, np.newaxis], out)
     fx, fy, ft = (np.ascontiguousarray(out[:, :, i]) for i in range(3))
     return fx, fy, ft
 

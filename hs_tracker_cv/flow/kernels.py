@@ -1,13 +1,18 @@
-"""The numerical core, in Numba: one memory in, one memory out; no checks, no options, no allocation.
+"""The numerical core, in Numba: an instruction set on planes, and :func:`run`, which carries out a program of it.
+
+A program is made once per frame size, in Python (:mod:`.program`), and run at every call. So there is one compiled
+function with one signature for all modes: each loop is compiled once, the order of the loops costs nothing to
+compile, and one cached file serves everything.
 
 All planes live in one flat float32 array, the workspace `m`, and a plane is named by the index of its first element:
 cutting array views would cost more to compile than all the arithmetic, and time at every call. A plane holds h × w
 pixels with a ring of two pixels round them: pixel (y, x) is element (y + 2) (w + 4) + x + 2. The ring, filled by
-:func:`pad` or :func:`edge`, lets each loop run without a branch at the border. Indices are unsigned, since Numba
-then leaves out Python's wrap-around of negative ones, which keeps loops from being vectorised; so every constant
-that meets an index is a uint64 as well. Literals as arguments would have a function compiled once more for each.
+:func:`pad`, lets each loop run without a branch at the border. Indices are unsigned, since Numba then leaves out
+Python's wrap-around of negative ones, which keeps loops from being vectorised; so every constant that meets an index
+is a uint64 as well.
 
 Symbols are those of Horn & Schunck (1981, doi:10.1016/0004-3702(81)90024-2): derivatives F_x, F_y, F_t, flow (u, v).
+Planes that belong together (u and v; F_x, F_y and F_t) are `d` elements apart.
 """
 
 # Types come from the calls: Numba infers them.
@@ -23,14 +28,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-__all__ = [
-    "FLOW_PLANES",
-    "GRID_PLANES",
-    "SOLVE_PLANES",
-    "coarse_to_fine",
-    "full_multigrid",
-    "write_derivatives",
-]
+__all__ = ["COLUMNS", "FACTORS", "run"]
 
 ZERO = np.uint64(0)
 ONE = np.uint64(1)
@@ -38,25 +36,46 @@ TWO = np.uint64(2)
 THREE = np.uint64(3)
 FOUR = np.uint64(4)
 FIVE = np.uint64(5)
-NINE = np.uint64(9)
-NO = np.bool_(False)
 
-CHUNK = np.uint64(8)
-"""Chebyshev sweeps between two looks at the residual."""
+(
+    LOAD,
+    STORE,
+    FILL,
+    ADD,
+    PAD,
+    DERIVE,
+    NORMALISE,
+    SWEEP,
+    RESAMPLE,
+    WARP,
+    MEDIAN,
+    SCALE,
+    RESIDUAL,
+    PROJECT,
+    RESTRICT,
+    PROLONG,
+    COARSE,
+) = (np.uint64(i) for i in range(17))
+"""What the first column of a program may hold; each is the function of :func:`run`'s branch."""
 
-RADIUS = np.float32(0.97)
-"""Upper end of the spectrum that Chebyshev's weights are made for; what is slower, coarser grids have done."""
+COLUMNS = 12
+"""Columns of a program, see :func:`run`."""
+
+FACTORS = 5
+"""Float columns of a program, see :func:`run`."""
 
 FAST = {"contract", "nsz"}  # reassociation would break "identical frames give exactly zero"
-INNER: dict[str, Any] = {
+CALLED: dict[str, Any] = {
     "nogil": True,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
     "fastmath": FAST,
     "error_model": "numpy",
 }
-SUMMING: dict[str, Any] = {**INNER, "fastmath": FAST | {"reassoc"}}
-# Only what Python calls is cached: its machine code holds the inner functions too.
+# What has one call site becomes part of its caller before anything is compiled: each function that is compiled on
+# its own goes through LLVM twice, alone and in its caller.
+INNER: dict[str, Any] = {**CALLED, "inline": "always"}
+SUMMING: dict[str, Any] = {**CALLED, "fastmath": FAST | {"reassoc"}}
 OUTER: dict[str, Any] = {
     "cache": True,
     "nogil": True,
@@ -65,43 +84,22 @@ OUTER: dict[str, Any] = {
     "error_model": "numpy",
 }
 
-FLOW_PLANES = 9
-"""Full-size planes that :func:`coarse_to_fine` needs, beside the pyramid and two rows."""
-
-SOLVE_PLANES = 12
-"""Full-size planes that :func:`full_multigrid` needs (the twelfth for one row)."""
-
-GRID_PLANES = 9
-"""Planes that :func:`full_multigrid` needs for each coarse grid."""
-
 
 @njit(**INNER)
-def edge(m, a, h, w):
-    """Replicate the border pixels of plane `a` one pixel outwards: all that the averaging stencil reads."""
+def pad(m, a, depth, keep, h, w):
+    """Fill the ring of plane `a`, `depth` pixels deep, with the border pixels (`keep` 1) or with zeros (`keep` 0)."""
     s = w + FOUR
-    for y in range(TWO, h + TWO):
-        row = a + y * s
-        m[row + ONE] = m[row + TWO]
-        m[row + w + TWO] = m[row + w + ONE]
-    bottom = a + (h + TWO) * s
-    for x in range(ONE, w + THREE):
-        m[a + s + x] = m[a + s + s + x]
-        m[bottom + x] = m[bottom - s + x]
-
-
-@njit(**INNER)
-def pad(m, a, h, w):
-    """Replicate the border pixels of plane `a` into its whole ring."""
-    edge(m, a, h, w)
-    s = w + FOUR
-    for y in range(ONE, h + THREE):
-        row = a + y * s
-        m[row] = m[row + ONE]
-        m[row + w + THREE] = m[row + w + TWO]
-    bottom = a + (h + THREE) * s
-    for x in range(s):
-        m[a + x] = m[a + s + x]
-        m[bottom + x] = m[bottom - s + x]
+    for r in range(depth):
+        left = a + ONE - r
+        right = a + w + TWO + r
+        for y in range(TWO - r, h + TWO + r):
+            m[left + y * s] = keep * m[left + y * s + ONE]
+            m[right + y * s] = keep * m[right + y * s - ONE]
+        top = a + (ONE - r) * s
+        bottom = a + (h + TWO + r) * s
+        for x in range(ONE - r, w + THREE + r):
+            m[top + x] = keep * m[top + s + x]
+            m[bottom + x] = keep * m[bottom - s + x]
 
 
 @njit(**INNER)
@@ -115,7 +113,6 @@ def load(m, image, channel, a):
         for x in range(w):
             value = image[y, x, channel]
             m[row + x] = value if abs(value) < limit else np.float32(0.0)
-    pad(m, a, h, w)
 
 
 @njit(**INNER)
@@ -130,72 +127,67 @@ def store(m, a, image, channel):
 
 
 @njit(**INNER)
-def fill(m, a, value, h, w):
-    """Set plane `a`, ring and all."""
-    for k in range(a, a + (h + FOUR) * (w + FOUR)):
+def fill(m, a, value, count):
+    """Set `count` elements."""
+    for k in range(a, a + count):
         m[k] = value
 
 
 @njit(**INNER)
-def add(m, a, b, factor, h, w):
-    """Add `factor` times plane `b` to plane `a`, rings and all."""
-    d = b - a
-    for k in range(a, a + (h + FOUR) * (w + FOUR)):
+def add(m, b, a, factor, h, w):
+    """Add `factor` times plane `a` to plane `b`, rings and all."""
+    d = a - b
+    for k in range(b, b + (h + FOUR) * (w + FOUR)):
         m[k] += factor * m[k + d]
 
 
 @njit(**INNER)
-def cube(m, a, b, fx, fy, ft, h, w):
+def cube(m, a, b, f, d, h, w):
     """Average four first differences over the 2 × 2 × 2 cube (step 3 of the paper)."""
     quarter = np.float32(0.25)
     s = w + FOUR
     for y in range(TWO, h + TWO):
         for k in range(y * s + TWO, y * s + w + TWO):
-            a00 = m[a + k]
-            a01 = m[a + k + ONE]
-            a10 = m[a + k + s]
-            a11 = m[a + k + s + ONE]
-            b00 = m[b + k]
-            b01 = m[b + k + ONE]
-            b10 = m[b + k + s]
-            b11 = m[b + k + s + ONE]
-            m[fx + k] = quarter * (((a01 - a00) + (a11 - a10)) + ((b01 - b00) + (b11 - b10)))
-            m[fy + k] = quarter * (((a10 - a00) + (a11 - a01)) + ((b10 - b00) + (b11 - b01)))
-            m[ft + k] = quarter * (((b00 - a00) + (b01 - a01)) + ((b10 - a10) + (b11 - a11)))
+            p = a + k
+            q = b + k
+            # sums of both frames over the four diagonals of the cube, and the differences of the frames
+            a00 = m[p]
+            a01 = m[p + ONE]
+            a10 = m[p + s]
+            a11 = m[p + s + ONE]
+            b00 = m[q]
+            b01 = m[q + ONE]
+            b10 = m[q + s]
+            b11 = m[q + s + ONE]
+            o = f + k
+            m[o] = quarter * (((a01 - a00) + (a11 - a10)) + ((b01 - b00) + (b11 - b10)))
+            m[o + d] = quarter * (((a10 - a00) + (a11 - a01)) + ((b10 - b00) + (b11 - b01)))
+            m[o + d + d] = quarter * (((b00 - a00) + (b01 - a01)) + ((b10 - a10) + (b11 - a11)))
 
 
 @njit(**INNER)
-def five_tap(m, a, b, fx, fy, ft, h, w):
+def five_tap(m, a, b, f, d, h, w):
     """Take the central differences of Barron, Fleet & Beauchemin (1994) on the mean of both frames; F_t = b − a."""
     near = np.float32(8.0 / 24.0)
     far = np.float32(1.0 / 24.0)
     s = w + FOUR
-    d = s + s
     for y in range(TWO, h + TWO):
         for k in range(y * s + TWO, y * s + w + TWO):
             p = a + k
             q = b + k
-            m[fx + k] = near * ((m[p + ONE] - m[p - ONE]) + (m[q + ONE] - m[q - ONE])) - far * (
+            o = f + k
+            m[o] = near * ((m[p + ONE] - m[p - ONE]) + (m[q + ONE] - m[q - ONE])) - far * (
                 (m[p + TWO] - m[p - TWO]) + (m[q + TWO] - m[q - TWO])
             )
-            m[fy + k] = near * ((m[p + s] - m[p - s]) + (m[q + s] - m[q - s])) - far * (
-                (m[p + d] - m[p - d]) + (m[q + d] - m[q - d])
+            m[o + d] = near * ((m[p + s] - m[p - s]) + (m[q + s] - m[q - s])) - far * (
+                (m[p + s + s] - m[p - s - s]) + (m[q + s + s] - m[q - s - s])
             )
-            m[ft + k] = m[q] - m[p]
+            m[o + d + d] = m[q] - m[p]
 
 
 @njit(**INNER)
-def differentiate(m, a, b, fx, fy, ft, five, h, w):
-    """Take the derivatives of frames `a` and `b` by the 5-tap mask or the 2 × 2 × 2 cube."""
-    if five:
-        five_tap(m, a, b, fx, fy, ft, h, w)
-    else:
-        cube(m, a, b, fx, fy, ft, h, w)
-
-
-@njit(**INNER)
-def normalise(m, fx, fy, ft, mask, u, v, lam, outlier, h, w):
-    """Turn derivatives into the sweep's coefficients g = √m F / √(λ² + m (F_x² + F_y²)), in place.
+def normalise(m, f, g, d, mask, u, lam, outlier, h, w):
+    """Turn derivatives `f` into the sweep's coefficients g = √m F / √(λ² + m (F_x² + F_y²)).
 
     The data term is linearised about (u, v), so that the sweep solves for the whole flow. Its weight is
     m = mask / (1 + `outlier` F_t²): pixels that the flow so far does not explain count less (Lorentzian weights).
@@ -204,65 +196,67 @@ def normalise(m, fx, fy, ft, mask, u, v, lam, outlier, h, w):
     s = w + FOUR
     for y in range(TWO, h + TWO):
         for k in range(y * s + TWO, y * s + w + TWO):
-            x_slope = m[fx + k]
-            y_slope = m[fy + k]
-            weight = m[mask + k] / (np.float32(1.0) + outlier * m[ft + k] * m[ft + k])
+            i = f + k
+            x_slope = m[i]
+            y_slope = m[i + d]
+            change = m[i + d + d]
+            weight = m[mask + k] / (np.float32(1.0) + outlier * change * change)
             scale = np.sqrt(weight / (lam2 + weight * (x_slope * x_slope + y_slope * y_slope)))
-            m[ft + k] = (m[ft + k] - x_slope * m[u + k] - y_slope * m[v + k]) * scale
-            m[fx + k] = x_slope * scale
-            m[fy + k] = y_slope * scale
+            o = g + k
+            m[o] = x_slope * scale
+            m[o + d] = y_slope * scale
+            m[o + d + d] = (change - x_slope * m[u + k] - y_slope * m[u + d + k]) * scale
+
+
+@njit(**SUMMING)
+def scale(m, f, g, d, lam, h, w):
+    """Turn derivatives `f` into g = F / √(λ² + F_x² + F_y²); return the square sum of F_t ∇F / λ² (right side)."""
+    lam2 = lam * lam
+    s = w + FOUR
+    total = 0.0
+    for y in range(TWO, h + TWO):
+        partial = np.float32(0.0)
+        for k in range(y * s + TWO, y * s + w + TWO):
+            i = f + k
+            x_slope = m[i]
+            y_slope = m[i + d]
+            change = m[i + d + d]
+            square = x_slope * x_slope + y_slope * y_slope
+            factor = np.float32(1.0) / np.sqrt(lam2 + square)
+            o = g + k
+            m[o] = x_slope * factor
+            m[o + d] = y_slope * factor
+            m[o + d + d] = change * factor
+            partial += square * change * change
+        total += partial
+    return total / (np.float64(lam2) * lam2)
+
+
+@njit(**CALLED)
+def average(m, p, s):
+    """Mean of the eight neighbours of element p, 1/6 the sides and 1/12 the corners (step 4 of the paper)."""
+    n = p - s
+    o = p + s
+    return np.float32(1.0 / 6.0) * ((m[n] + m[o]) + (m[p - ONE] + m[p + ONE])) + np.float32(1.0 / 12.0) * (
+        (m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE])
+    )
 
 
 @njit(**INNER)
-def sweep(m, u, v, un, vn, gx, gy, gt, c_old, c_here, c_jacobi, h, w):
+def sweep(m, u, un, g, d, c_old, c_here, c_jacobi, h, w):
     """Do one sweep of the paper: new = c_old · new + c_here · (u, v) + c_jacobi · Jacobi(u, v)."""
-    sixth = np.float32(1.0 / 6.0)
-    twelfth = np.float32(1.0 / 12.0)
     s = w + FOUR
     for y in range(TWO, h + TWO):
         for k in range(y * s + TWO, y * s + w + TWO):
             p = u + k
-            n = p - s
-            o = p + s
-            ub = sixth * ((m[n] + m[o]) + (m[p - ONE] + m[p + ONE])) + twelfth * (
-                (m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE])
-            )
-            q = v + k
-            n = q - s
-            o = q + s
-            vb = sixth * ((m[n] + m[o]) + (m[q - ONE] + m[q + ONE])) + twelfth * (
-                (m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE])
-            )
-            t = m[gx + k] * ub + m[gy + k] * vb + m[gt + k]
-            m[un + k] = c_old * m[un + k] + c_here * m[p] + c_jacobi * (ub - m[gx + k] * t)
-            m[vn + k] = c_old * m[vn + k] + c_here * m[q] + c_jacobi * (vb - m[gy + k] * t)
-    edge(m, un, h, w)
-    edge(m, vn, h, w)
-
-
-@njit(**INNER)
-def sweeps(m, u, v, un, vn, gx, gy, gt, iterations, rho, h, w):
-    """Run `iterations` sweeps: plain Jacobi for `rho` 0, else with Chebyshev's weights for a spectrum in [−1/3, ρ].
-
-    Planes (u, v) and (un, vn) take turns: the result is in (u, v) when `iterations` is even, else in (un, vn).
-    """
-    one = np.float32(1.0)
-    relax = one
-    radius = np.float32(0.0)
-    if rho > radius:
-        low = np.float32(-1.0 / 3.0)
-        relax = np.float32(2.0) / (np.float32(2.0) - low - rho)
-        radius = (rho - low) / (np.float32(2.0) - low - rho)
-    quarter = np.float32(0.25) * radius * radius
-    omega = one
-    for i in range(iterations):
-        sweep(m, u, v, un, vn, gx, gy, gt, one - omega, omega * (one - relax), omega * relax, h, w)
-        u, un = un, u
-        v, vn = vn, v
-        if i == ZERO:
-            omega = one / (one - quarter - quarter)
-        else:
-            omega = one / (one - quarter * omega)
+            q = p + d
+            i = g + k
+            o = un + k
+            ub = average(m, p, s)
+            vb = average(m, q, s)
+            t = m[i] * ub + m[i + d] * vb + m[i + d + d]
+            m[o] = c_old * m[o] + c_here * m[p] + c_jacobi * (ub - m[i] * t)
+            m[o + d] = c_old * m[o + d] + c_here * m[q] + c_jacobi * (vb - m[i + d] * t)
 
 
 @njit(**INNER)
@@ -307,7 +301,6 @@ def resample(m, a, h, w, b, hb, wb, gain, c0, c1, c2, row):
             j = np.uint64(np.int64(p))
             left = m[out + j]
             m[k + x] = left + (p - np.float32(j)) * (m[out + j + ONE] - left)
-    pad(m, b, hb, wb)
 
 
 @intrinsic
@@ -353,7 +346,7 @@ def bicubic_at(typing_context: Any, m: Any, k: Any, stride: Any, tx: Any, ty: An
 
 
 @njit(**INNER)
-def warp(m, b, u, v, warped, mask, h, w):
+def warp(m, b, warped, u, d, mask, h, w):
     """Sample plane `b` at (x + u, y + v), bicubic; outside the frame take its border and mask 0."""
     zero = np.float32(0.0)
     one = np.float32(1.0)
@@ -364,7 +357,7 @@ def warp(m, b, u, v, warped, mask, h, w):
         k = (y + TWO) * s + TWO
         for x in range(w):
             px = np.float32(x) + m[u + k + x]
-            py = np.float32(y) + m[v + k + x]
+            py = np.float32(y) + m[u + d + k + x]
             m[mask + k + x] = one if px >= zero and px <= right and py >= zero and py <= bottom else zero
             px = min(px if px > zero else zero, right)
             py = min(py if py > zero else zero, bottom)
@@ -372,7 +365,6 @@ def warp(m, b, u, v, warped, mask, h, w):
             i = np.int64(py)
             first = b + (np.uint64(i) + ONE) * s + np.uint64(j) + ONE
             m[warped + k + x] = bicubic_at(m, first, s, px - np.float32(j), py - np.float32(i))
-    pad(m, warped, h, w)
 
 
 def median_of(radius: int) -> Any:
@@ -426,7 +418,6 @@ median_5x5_at = median_of(2)
 @njit(**INNER)
 def median_filter(m, a, b, size, h, w):
     """Write the median of plane `a` over `size` × `size` pixels (3 or 5) to plane `b`."""
-    pad(m, a, h, w)
     s = w + FOUR
     d = b - a
     for y in range(TWO, h + TWO):
@@ -437,195 +428,89 @@ def median_filter(m, a, b, size, h, w):
         else:
             for k in range(row, row + w):
                 m[k + d] = median_5x5_at(m, k, s)
-    pad(m, b, h, w)
 
 
-@njit(**OUTER)
-def coarse_to_fine(
-    frame0,
-    frame1,
-    flow,
-    started,
-    sizes,
-    m,
-    plain,
-    five,
-    warps,
-    iterations,
-    rho,
-    median,
-    lam,
-    outlier,
-    p0,
-    p1,
-    p2,
-    c0,
-    c1,
-    c2,
-):
-    """Estimate the flow level by level, the coarsest first; `flow` holds the start field and takes the result.
+@njit(**SUMMING)
+def residual(m, u, r, f, d, weight, h, w):
+    """Write the residual of the paper's system over λ² to the pair `r`; `weight` is 1 / λ². Return its square sum."""
+    s = w + FOUR
+    total = 0.0
+    for y in range(TWO, h + TWO):
+        partial = np.float32(0.0)
+        for k in range(y * s + TWO, y * s + w + TWO):
+            p = u + k
+            q = p + d
+            i = f + k
+            t = weight * (m[i] * m[p] + m[i + d] * m[q] + m[i + d + d])
+            a = (average(m, p, s) - m[p]) - m[i] * t
+            b = (average(m, q, s) - m[q]) - m[i + d] * t
+            m[r + k] = a
+            m[r + d + k] = b
+            partial += a * a + b * b
+        total += partial
+    return total
 
-    `sizes` is (levels, 2): height and width of each level, the finest first. With a start field each level warps
-    by its reduced copy plus the increment found so far, so its detail is not lost on the way through the levels.
 
-    `plain`: the paper's own method on one level: nothing is warped, and the data term stays linearised about zero.
+@njit(**INNER)
+def project(m, f, d, wf, weight, b, h, w):
+    """Sum `weight` · (F_x², F_x F_y, F_y², −F_t F_x, −F_t F_y) over 2 × 2 pixels into five coarse planes from `b`.
+
+    The derivatives' planes are `wf` wide; their ring must hold zeros: what is missing at odd sizes counts as zero,
+    or the system would lose its symmetry.
     """
-    zero = np.float32(0.0)
-    one = np.float32(1.0)
-    h = sizes[0, 0]
-    w = sizes[0, 1]
+    s = wf + FOUR
     size = (h + FOUR) * (w + FOUR)
-    u = ZERO
-    v = u + size
-    un = v + size
-    vn = un + size
-    fx = vn + size
-    fy = fx + size
-    ft = fy + size
-    warped = ft + size
-    mask = warped + size
-    row = mask + size
-    pyramid = row + TWO * (w + FOUR)  # per level: frame 0, frame 1, start u, start v
-    load(m, frame0, ZERO, u)
-    resample(m, u, h, w, pyramid, h, w, one, p0, p1, p2, row)
-    load(m, frame1, ZERO, u)
-    resample(m, u, h, w, pyramid + size, h, w, one, p0, p1, p2, row)
-    planes = TWO
-    if started:
-        planes = FOUR
-        load(m, flow, ZERO, pyramid + TWO * size)
-        load(m, flow, ONE, pyramid + THREE * size)
-
-    top = np.uint64(sizes.shape[0]) - ONE
-    for level in range(top):
-        h = sizes[level, 0]
-        w = sizes[level, 1]
-        hc = sizes[level + ONE, 0]
-        wc = sizes[level + ONE, 1]
-        size = (h + FOUR) * (w + FOUR)
-        coarse = pyramid + planes * size
-        gain = one
-        for i in range(planes):
-            if i == TWO:
-                gain = np.float32(wc) / np.float32(w)
-            if i == THREE:
-                gain = np.float32(hc) / np.float32(h)
-            resample(
-                m, pyramid + i * size, h, w, coarse + i * (hc + FOUR) * (wc + FOUR), hc, wc, gain, c0, c1, c2, row
-            )
-        pyramid = coarse
-
-    for i in range(top + ONE):
-        level = top - i
-        h = sizes[level, 0]
-        w = sizes[level, 1]
-        size = (h + FOUR) * (w + FOUR)
-        if i == ZERO:
-            fill(m, u, zero, h, w)
-            fill(m, v, zero, h, w)
-        else:
-            pyramid -= planes * size
-            gain = np.float32(w) / np.float32(wc)
-            for _ in range(TWO):
-                resample(m, u, hc, wc, un, h, w, gain, one, zero, zero, row)
-                gain = np.float32(h) / np.float32(hc)
-                u, v, un, vn = v, un, vn, u  # after both turns: new u, new v, old u, old v
-        if started:
-            add(m, u, pyramid + TWO * size, one, h, w)
-            add(m, v, pyramid + THREE * size, one, h, w)
-        for _ in range(warps):
-            second = pyramid + size
-            about_u = u
-            about_v = v
-            if plain:
-                about_u = un
-                about_v = vn
-                fill(m, mask, one, h, w)
-                fill(m, un, zero, h, w)
-                fill(m, vn, zero, h, w)
-            else:
-                warp(m, second, u, v, warped, mask, h, w)
-                second = warped
-            differentiate(m, pyramid, second, fx, fy, ft, five, h, w)
-            normalise(m, fx, fy, ft, mask, about_u, about_v, lam, outlier, h, w)
-            sweeps(m, u, v, un, vn, fx, fy, ft, iterations, rho, h, w)
-            if iterations % TWO == ONE:
-                u, v, un, vn = un, vn, u, v
-            if median > ONE:
-                median_filter(m, u, un, median, h, w)
-                median_filter(m, v, vn, median, h, w)
-                u, v, un, vn = un, vn, u, v
-        if started and level > ZERO:
-            add(m, u, pyramid + TWO * size, -one, h, w)
-            add(m, v, pyramid + THREE * size, -one, h, w)
-        hc = h
-        wc = w
-    store(m, u, flow, ZERO)
-    store(m, v, flow, ONE)
-
-
-@njit(**OUTER)
-def write_derivatives(frame0, frame1, five, out, m):
-    """Write F_x, F_y, F_t of two (h, w, 1) frames to `out`, (h, w, 3)."""
-    h = np.uint64(frame0.shape[0])
-    w = np.uint64(frame0.shape[1])
-    size = (h + FOUR) * (w + FOUR)
-    fx = TWO * size
-    load(m, frame0, ZERO, ZERO)
-    load(m, frame1, ZERO, size)
-    differentiate(m, ZERO, size, fx, fx + size, fx + TWO * size, five, h, w)
-    for i in range(THREE):
-        store(m, fx + i * size, out, i)
+    for y in range(h):
+        k = f + (y + y + TWO) * s + TWO
+        row = b + (y + TWO) * (w + FOUR) + TWO
+        for x in range(w):
+            xx = xy = yy = xt = yt = np.float32(0.0)
+            for j in range(FOUR):
+                i = k + x + x + (j & ONE) + (j >> ONE) * s
+                fx = m[i]
+                fy = m[i + d]
+                ft = m[i + d + d]
+                xx += fx * fx
+                xy += fx * fy
+                yy += fy * fy
+                xt += fx * ft
+                yt += fy * ft
+            i = row + x
+            m[i] = weight * xx
+            m[i + size] = weight * xy
+            m[i + size + size] = weight * yy
+            m[i + THREE * size] = -weight * xt
+            m[i + FOUR * size] = -weight * yt
 
 
 @njit(**INNER)
-def restrict_product(m, p, q, h, w, coarse, factor, hc, wc):
-    """Sum `factor` · p · q over 2 × 2 pixels; outside the plane is zero, or the system would lose its symmetry."""
-    s = w + FOUR
-    bottom = p + (h + TWO) * s
-    for x in range(s):
-        m[bottom + x] = np.float32(0.0)
-    for y in range(h + THREE):
-        m[p + y * s + w + TWO] = np.float32(0.0)
-    d = q - p
-    for y in range(hc):
-        k = p + (y + y + TWO) * s + TWO
-        row = coarse + (y + TWO) * (wc + FOUR) + TWO
-        for x in range(wc):
-            i = k + x + x
-            n = i + s
-            m[row + x] = factor * (
-                (m[i] * m[i + d] + m[i + ONE] * m[i + ONE + d]) + (m[n] * m[n + d] + m[n + ONE] * m[n + ONE + d])
-            )
+def restrict(m, p, wf, coarse, h, w):
+    """Sum plane `p`, `wf` wide, over 2 × 2 pixels (λ² falls by four, so the mean is multiplied by it).
 
-
-@njit(**INNER)
-def restrict(m, p, h, w, coarse, hc, wc):
-    """Sum plane `p` over 2 × 2 pixels (λ² falls by four, so the mean is multiplied by it); zero outside."""
-    s = w + FOUR
-    bottom = p + (h + TWO) * s
-    for x in range(s):
-        m[bottom + x] = np.float32(0.0)
-    for y in range(h + THREE):
-        m[p + y * s + w + TWO] = np.float32(0.0)
-    for y in range(hc):
+    The ring of `p` must hold zeros, see :func:`project`.
+    """
+    s = wf + FOUR
+    for y in range(h):
         k = p + (y + y + TWO) * s + TWO
-        row = coarse + (y + TWO) * (wc + FOUR) + TWO
-        for x in range(wc):
+        row = coarse + (y + TWO) * (w + FOUR) + TWO
+        for x in range(w):
             i = k + x + x
             m[row + x] = (m[i] + m[i + ONE]) + (m[i + s] + m[i + s + ONE])
 
 
 @njit(**INNER)
-def prolong(m, coarse, hc, wc, p, h, w, row):
-    """Add to plane `p` the bilinear interpolation of a coarse plane: weights (9, 3, 3, 1) / 16."""
+def prolong(m, coarse, wc, p, h, w, row):
+    """Add to plane `p` the bilinear interpolation of a coarse plane `wc` wide: weights (9, 3, 3, 1) / 16.
+
+    `row` names room for one row of the coarse plane.
+    """
     s = w + FOUR
     sc = wc + FOUR
     near = np.float32(0.75)
     far = np.float32(0.25)
     for y in range(h):
-        centre = coarse + (y // TWO + TWO) * sc
-        other = centre + sc if y % TWO == ONE else centre - sc
+        centre = coarse + ((y >> ONE) + TWO) * sc
+        other = centre + sc if y & ONE == ONE else centre - sc
         for x in range(ONE, wc + THREE):
             m[row + x] = near * m[centre + x] + far * m[other + x]
         k = p + (y + TWO) * s + TWO
@@ -633,276 +518,109 @@ def prolong(m, coarse, hc, wc, p, h, w, row):
             i = row + x + TWO
             m[k + x + x] += near * m[i] + far * m[i - ONE]
             m[k + x + x + ONE] += near * m[i] + far * m[i + ONE]
-    edge(m, p, h, w)
 
 
 @njit(**INNER)
-def coarse_sweep(m, u, v, un, vn, j, b, h, w):
-    """Write one Jacobi sweep of (u, v) on a coarse grid to (un, vn).
+def coarse(m, u, un, d, j, solve, h, w):
+    """Write to the pair `un` one Jacobi sweep of the pair `u` on a coarse grid, or, without `solve`, its residual.
 
-    The system is u − ū + J u = b with J = (jxx, jxy, jyy), three planes from `j`, and b two planes from `b`.
+    The system is u − ū + J u = b with J = (jxx, jxy, jyy) and b = (b_u, b_v): five planes from `j`.
     """
     one = np.float32(1.0)
-    sixth = np.float32(1.0 / 6.0)
-    twelfth = np.float32(1.0 / 12.0)
-    s = w + FOUR
-    size = (h + FOUR) * s
-    for y in range(TWO, h + TWO):
-        for k in range(y * s + TWO, y * s + w + TWO):
-            p = u + k
-            n = p - s
-            o = p + s
-            ru = m[b + k] + (
-                sixth * ((m[n] + m[o]) + (m[p - ONE] + m[p + ONE]))
-                + twelfth * ((m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE]))
-            )
-            q = v + k
-            n = q - s
-            o = q + s
-            rv = m[b + size + k] + (
-                sixth * ((m[n] + m[o]) + (m[q - ONE] + m[q + ONE]))
-                + twelfth * ((m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE]))
-            )
-            axx = one + m[j + k]
-            axy = m[j + size + k]
-            ayy = one + m[j + size + size + k]
-            scale = one / (axx * ayy - axy * axy)
-            m[un + k] = scale * (ayy * ru - axy * rv)
-            m[vn + k] = scale * (axx * rv - axy * ru)
-    edge(m, un, h, w)
-    edge(m, vn, h, w)
-
-
-@njit(**INNER)
-def coarse_residual(m, u, v, un, vn, j, b, h, w):
-    """Write the residual of (u, v) on a coarse grid to (un, vn).
-
-    The system is u − ū + J u = b with J = (jxx, jxy, jyy), three planes from `j`, and b two planes from `b`.
-    """
-    one = np.float32(1.0)
-    sixth = np.float32(1.0 / 6.0)
-    twelfth = np.float32(1.0 / 12.0)
-    s = w + FOUR
-    size = (h + FOUR) * s
-    for y in range(TWO, h + TWO):
-        for k in range(y * s + TWO, y * s + w + TWO):
-            p = u + k
-            n = p - s
-            o = p + s
-            ru = m[b + k] + (
-                sixth * ((m[n] + m[o]) + (m[p - ONE] + m[p + ONE]))
-                + twelfth * ((m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE]))
-            )
-            q = v + k
-            n = q - s
-            o = q + s
-            rv = m[b + size + k] + (
-                sixth * ((m[n] + m[o]) + (m[q - ONE] + m[q + ONE]))
-                + twelfth * ((m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE]))
-            )
-            axx = one + m[j + k]
-            axy = m[j + size + k]
-            ayy = one + m[j + size + size + k]
-            m[un + k] = ru - (axx * m[p] + axy * m[q])
-            m[vn + k] = rv - (axy * m[p] + ayy * m[q])
-
-
-@njit(**SUMMING)
-def fine_residual(m, u, v, ru, rv, fx, fy, ft, weight, h, w):
-    """Write the residual of the paper's system over λ² to (ru, rv); `weight` is 1 / λ². Return its square sum."""
-    sixth = np.float32(1.0 / 6.0)
-    twelfth = np.float32(1.0 / 12.0)
-    s = w + FOUR
-    total = 0.0
-    for y in range(TWO, h + TWO):
-        partial = np.float32(0.0)
-        for k in range(y * s + TWO, y * s + w + TWO):
-            p = u + k
-            n = p - s
-            o = p + s
-            ub = sixth * ((m[n] + m[o]) + (m[p - ONE] + m[p + ONE])) + twelfth * (
-                (m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE])
-            )
-            q = v + k
-            n = q - s
-            o = q + s
-            vb = sixth * ((m[n] + m[o]) + (m[q - ONE] + m[q + ONE])) + twelfth * (
-                (m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE])
-            )
-            t = weight * (m[fx + k] * m[p] + m[fy + k] * m[q] + m[ft + k])
-            a = (ub - m[p]) - m[fx + k] * t
-            b = (vb - m[q]) - m[fy + k] * t
-            m[ru + k] = a
-            m[rv + k] = b
-            partial += a * a + b * b
-        total += partial
-    return total
-
-
-@njit(**INNER)
-def coarse_cycle(m, sizes, first, base, guessed, row):
-    """Run one V(1, 1) cycle from level `first`, whose nine planes (J, b, u, v, un, vn) start at `base`.
-
-    `guessed`: (u, v) of the first level hold a first guess; otherwise the cycle starts from zero.
-    """
     zero = np.float32(0.0)
-    top = np.uint64(sizes.shape[0]) - ONE
-    for level in range(first, top):
-        h = sizes[level, 0]
-        w = sizes[level, 1]
-        hc = sizes[level + ONE, 0]
-        wc = sizes[level + ONE, 1]
-        size = (h + FOUR) * (w + FOUR)
-        b = base + THREE * size
-        u = b + TWO * size
-        v = u + size
-        un = v + size
-        vn = un + size
-        if not guessed or level > first:
-            fill(m, u, zero, h, w)
-            fill(m, v, zero, h, w)
-        coarse_sweep(m, u, v, un, vn, base, b, h, w)
-        coarse_residual(m, un, vn, u, v, base, b, h, w)
-        base = vn + size
-        below = (hc + FOUR) * (wc + FOUR)
-        restrict(m, u, h, w, base + THREE * below, hc, wc)
-        restrict(m, v, h, w, base + FOUR * below, hc, wc)
-    h = sizes[top, 0]
-    w = sizes[top, 1]
-    size = (h + FOUR) * (w + FOUR)
-    u = base + FIVE * size
-    fill(m, u, zero, h, w)
-    fill(m, u + size, zero, h, w)
-    for _ in range(FOUR):
-        coarse_sweep(m, u, u + size, u + TWO * size, u + THREE * size, base, base + THREE * size, h, w)
-        coarse_sweep(m, u + TWO * size, u + THREE * size, u, u + size, base, base + THREE * size, h, w)
-    for i in range(top - first):
-        level = top - ONE - i
-        hc = h
-        wc = w
-        below = size
-        coarse = base + FIVE * below
-        h = sizes[level, 0]
-        w = sizes[level, 1]
-        size = (h + FOUR) * (w + FOUR)
-        base -= NINE * size
-        b = base + THREE * size
-        u = b + TWO * size
-        un = u + TWO * size
-        for j in range(TWO):
-            prolong(m, coarse + j * below, hc, wc, un + j * size, h, w, row)
-        coarse_sweep(m, un, un + size, u, u + size, base, b, h, w)
+    keep = zero if solve else one
+    s = w + FOUR
+    for y in range(TWO, h + TWO):
+        for k in range(y * s + TWO, y * s + w + TWO):
+            p = u + k
+            q = p + d
+            i = j + k
+            axx = one + m[i]
+            axy = m[i + d]
+            ayy = one + m[i + d + d]
+            ru = (m[i + THREE * d] + average(m, p, s)) - keep * (axx * m[p] + axy * m[q])
+            rv = (m[i + FOUR * d] + average(m, q, s)) - keep * (axy * m[p] + ayy * m[q])
+            scale = one / (axx * ayy - axy * axy)
+            m[un + k] = scale * (ayy * ru - axy * rv) if solve else ru
+            m[un + d + k] = scale * (axx * rv - axy * ru) if solve else rv
 
 
 @njit(**OUTER)
-def full_multigrid(frame0, frame1, flow, started, sizes, m, five, lam, tolerance, most):
-    """Solve the paper's linear system: full multigrid, then Chebyshev sweeps, then more cycles where those stall.
+def run(program, factors, m, frame0, frame1, flow):
+    """Carry out a program; return the sum that the last step to compute one has left.
 
-    Returns the residual over the right-hand side (2-norms) and the number of sweeps done on the finest grid.
+    Parameters
+    ----------
+    program : ndarray, shape (steps, COLUMNS), uint64
+        A step is: what to do; height and width of its result; planes a (read), b (written) and c; distance d of
+        planes that belong together; two more numbers e and f; how often to repeat, a and b changing places after
+        each turn; then the number of planes from b on whose ring is to be filled, how deep, and whether with zeros.
+    factors : ndarray, shape (steps, FACTORS), float32
+    m : ndarray, shape (N,), float32
+        The workspace.
+    frame0, frame1 : ndarray, shape (H, W, 1), float32
+    flow : ndarray, shape (H, W, C), float32
+        Start field and result.
     """
-    zero = np.float32(0.0)
-    h = sizes[0, 0]
-    w = sizes[0, 1]
-    size = (h + FOUR) * (w + FOUR)
-    u = ZERO
-    v = u + size
-    un = v + size
-    vn = un + size
-    fx = vn + size
-    fy = fx + size
-    ft = fy + size
-    gx = ft + size
-    gy = gx + size
-    gt = gy + size
-    mask = gt + size
-    row = mask + size
-    coarsest = row + size
-    weight = np.float32(1.0) / (lam * lam)
-    load(m, frame0, ZERO, un)
-    load(m, frame1, ZERO, vn)
-    fill(m, u, zero, h, w)
-    fill(m, v, zero, h, w)
-    fill(m, mask, np.float32(1.0), h, w)
-    differentiate(m, un, vn, fx, fy, ft, five, h, w)
-    differentiate(m, un, vn, gx, gy, gt, five, h, w)
-    normalise(m, gx, gy, gt, mask, u, v, lam, zero, h, w)
-    goal = tolerance * np.sqrt(fine_residual(m, u, v, un, vn, fx, fy, ft, weight, h, w))
-    if goal == 0.0:
-        for c in range(TWO):
-            store(m, u, flow, c)
-        return 0.0, ZERO
-
-    # The coarse systems; right-hand sides as well, which full multigrid starts from.
-    top = np.uint64(sizes.shape[0]) - ONE
-    base = coarsest
-    if top > ZERO:
-        hc = sizes[1, 0]
-        wc = sizes[1, 1]
-        below = (hc + FOUR) * (wc + FOUR)
-        restrict_product(m, fx, fx, h, w, base, weight, hc, wc)
-        restrict_product(m, fx, fy, h, w, base + below, weight, hc, wc)
-        restrict_product(m, fy, fy, h, w, base + TWO * below, weight, hc, wc)
-        restrict_product(m, ft, fx, h, w, base + THREE * below, -weight, hc, wc)
-        restrict_product(m, ft, fy, h, w, base + FOUR * below, -weight, hc, wc)
-    for level in range(ONE, top):
-        below = (sizes[level, 0] + FOUR) * (sizes[level, 1] + FOUR)
-        hc = sizes[level + ONE, 0]
-        wc = sizes[level + ONE, 1]
-        coarse = base + NINE * below
-        for i in range(FIVE):
-            restrict(
-                m, base + i * below, sizes[level, 0], sizes[level, 1], coarse + i * (hc + FOUR) * (wc + FOUR), hc, wc
-            )
-        base = coarse
-
-    if started:
-        load(m, flow, ZERO, u)
-        load(m, flow, ONE, v)
-    else:
-        for i in range(top):
-            level = top - i
-            coarse_cycle(m, sizes, level, base, i > ZERO, row)
-            hc = sizes[level, 0]
-            wc = sizes[level, 1]
-            below = (hc + FOUR) * (wc + FOUR)
-            source = base + FIVE * below
-            hf = sizes[level - ONE, 0]
-            wf = sizes[level - ONE, 1]
-            fine = (hf + FOUR) * (wf + FOUR)
-            target = u
-            if level > ONE:
-                base -= NINE * fine
-                target = base + FIVE * fine
-            for c in range(TWO):
-                fill(m, target + c * fine, zero, hf, wf)
-                prolong(m, source + c * below, hc, wc, target + c * fine, hf, wf, row)
-
-    done = ZERO
-    norm = 1e300
-    while done < most and norm > goal:
-        before = norm
-        if top > ZERO:
-            sweeps(m, u, v, un, vn, gx, gy, gt, ONE, zero, h, w)
-            fine_residual(m, un, vn, u, v, fx, fy, ft, weight, h, w)
-            hc = sizes[1, 0]
-            wc = sizes[1, 1]
-            below = (hc + FOUR) * (wc + FOUR)
-            for c in range(TWO):
-                restrict(m, u + c * size, h, w, coarsest + (THREE + c) * below, hc, wc)
-            coarse_cycle(m, sizes, ONE, coarsest, NO, row)
-            for c in range(TWO):
-                prolong(m, coarsest + (FIVE + c) * below, hc, wc, un + c * size, h, w, row)
-            sweeps(m, un, vn, u, v, gx, gy, gt, ONE, zero, h, w)
-            done += TWO
-        last = norm
-        norm = np.sqrt(fine_residual(m, u, v, un, vn, fx, fy, ft, weight, h, w))
-        while norm > goal and norm < 0.3 * last and done < most:
-            sweeps(m, u, v, un, vn, gx, gy, gt, CHUNK, RADIUS, h, w)
-            done += CHUNK
-            last = norm
-            norm = np.sqrt(fine_residual(m, u, v, un, vn, fx, fy, ft, weight, h, w))
-        if norm > 0.9 * before:  # as good as float32 gets
-            break
-    store(m, u, flow, ZERO)
-    store(m, v, flow, ONE)
-    return tolerance * norm / goal, done
+    total = 0.0
+    one = np.float32(1.0)
+    for step in range(np.uint64(program.shape[0])):
+        code = program[step, 0]
+        h = program[step, 1]
+        w = program[step, 2]
+        a = program[step, 3]
+        b = program[step, 4]
+        c = program[step, 5]
+        d = program[step, 6]
+        e = program[step, 7]
+        f = program[step, 8]
+        f0 = factors[step, 0]
+        f1 = factors[step, 1]
+        omega = one
+        for _ in range(program[step, 9]):
+            if code == LOAD:
+                image = frame0
+                if a == ONE:
+                    image = frame1
+                if a == TWO:
+                    image = flow
+                load(m, image, e, b)
+            elif code == STORE:
+                store(m, a, flow, e)
+            elif code == FILL:
+                fill(m, b, f0, a)
+            elif code == ADD:
+                add(m, b, a, f0, h, w)
+            elif code == DERIVE:
+                if e == ONE:
+                    five_tap(m, a, c, b, d, h, w)
+                else:
+                    cube(m, a, c, b, d, h, w)
+            elif code == NORMALISE:
+                normalise(m, a, b, d, c, e, f0, f1, h, w)
+            elif code == SWEEP:
+                # Chebyshev's weights for a spectrum of given radius; with radius 0 (f1) and f0 1 plain Jacobi
+                sweep(m, a, b, c, d, one - omega, omega * (one - f0), omega * f0, h, w)
+                omega = one / (one - f1 * omega if omega != one else one - f1 - f1)
+            elif code == RESAMPLE:
+                resample(m, a, e, f, b, h, w, f0, f1, factors[step, 2], factors[step, 3], c)
+            elif code == WARP:
+                warp(m, a, b, c, d, e, h, w)
+            elif code == MEDIAN:
+                median_filter(m, a, b, e, h, w)
+            elif code == SCALE:
+                total = scale(m, a, b, d, f0, h, w)
+            elif code == RESIDUAL:
+                total = residual(m, a, b, c, d, f0, h, w)
+            elif code == PROJECT:
+                project(m, a, d, e, f0, b, h, w)
+            elif code == RESTRICT:
+                restrict(m, a, e, b, h, w)
+            elif code == PROLONG:
+                prolong(m, a, e, b, h, w, c)
+            elif code == COARSE:
+                coarse(m, a, b, d, c, e == ONE, h, w)
+            for plane in range(program[step, 10]):
+                pad(m, b + plane * d, program[step, 11], factors[step, 4], h, w)
+            a, b = b, a
+    return total

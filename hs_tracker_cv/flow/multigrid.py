@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -10,31 +11,194 @@ from numpy.typing import NDArray
 
 from . import kernels
 from .params import FlowParams
+from .program import JACOBI, Program, ProgramWriter, area, chebyshev
 
 __all__ = ["GridPlan", "plan", "solve"]
 
 COARSEST = 4
 """Shortest side of the coarsest grid, px."""
 
+RADIUS = 0.97
+"""Upper end of the spectrum that Chebyshev's weights are made for; what is slower, coarser grids do."""
+
+CHUNK = 8
+"""Accelerated sweeps between two looks at the residual; even, so that the result is where it was."""
+
+Size = tuple[int, int]
+
 
 class GridPlan(NamedTuple):
-    """Sizes of the grids (grids, 2), the finest first, and the memory they need in floats."""
+    """What does not change from frame to frame: sizes of the grids, the finest first; memory in floats; programs.
 
-    sizes: NDArray[np.uint64]
+    `begin` makes the systems, `guess` loads a first guess and `full` makes one by full multigrid; `cycle`, a V cycle,
+    and `chunk`, accelerated sweeps, improve it; `finish` stores it.
+    """
+
+    sizes: tuple[Size, ...]
     memory: int
+    begin: Program
+    guess: Program
+    full: Program
+    cycle: Program
+    chunk: Program
+    finish: Program
 
 
 @lru_cache(maxsize=256)
-def plan(height: int, width: int) -> GridPlan:
-    """Plan the grids for frames of height × width px."""
+def plan(height: int, width: int, five: bool, smoothness: float) -> GridPlan:
+    """Plan the solution for frames of height × width px."""
     sizes = [(height, width)]
     while min(sizes[-1]) > COARSEST:
         h, w = sizes[-1]
         sizes.append(((h + 1) // 2, (w + 1) // 2))
-    planes = [(h + 4) * (w + 4) for h, w in sizes]
-    return GridPlan(
-        np.array(sizes, np.uint64), kernels.SOLVE_PLANES * planes[0] + kernels.GRID_PLANES * sum(planes[1:])
-    )
+    grids = _Grids(tuple(sizes), five, smoothness)
+    parts = (grids.begin, grids.guess, grids.full, grids.cycle, grids.chunk, grids.finish)
+    return GridPlan(grids.sizes, grids.memory, *(part() for part in parts))
+
+
+class _Grids:
+    """Layout of the memory, and a program for each part of the solution.
+
+    The finest grid has two pairs of planes for the flow, F and g = F / √D; each coarse one nine planes: J and b of
+    the system u − ū + J u = b (five), and two pairs.
+    """
+
+    def __init__(self, sizes: tuple[Size, ...], five: bool, smoothness: float) -> None:
+        self.sizes = sizes
+        self.five = five
+        self.smoothness = smoothness
+        self.weight = 1.0 / smoothness**2
+        self.size = sizes[0]
+        self.d = area(self.size)
+        self.pair, self.other, self.slopes, self.scaled, self.row = (self.d * i for i in (0, 2, 4, 7, 10))
+        self.bases = [0, self.row + self.size[1] + 4]
+        for coarse in sizes[1:]:
+            self.bases.append(self.bases[-1] + 9 * area(coarse))
+        self.memory = self.bases[-1]
+
+    def begin(self) -> Program:
+        """Program for the finest system and the coarse ones; its sum is that of the squared right-hand side."""
+        writer = ProgramWriter()
+        for frame in range(2):
+            writer.load(frame, 0, self.other + frame * self.d, self.size)
+        first, second = self.other, self.other + self.d
+        writer.add(kernels.DERIVE, self.size, first, self.slopes, second, self.d, int(self.five), rings=3, zero=True)
+        writer.add(kernels.SCALE, self.size, self.slopes, self.scaled, 0, self.d, factors=(self.smoothness,))
+        for level in range(1, len(self.sizes)):
+            coarse, fine, base = self.sizes[level], self.sizes[level - 1], self.bases[level]
+            if level == 1:
+                writer.add(kernels.PROJECT, coarse, self.slopes, base, 0, self.d, fine[1], factors=(self.weight,))
+            else:
+                for i in range(5):
+                    source = self.bases[level - 1] + i * area(fine)
+                    writer.add(kernels.RESTRICT, coarse, source, base + i * area(coarse), e=fine[1])
+            writer.add(kernels.PAD, coarse, 0, base, 0, area(coarse), rings=5, zero=True)
+        return writer.program()
+
+    def guess(self) -> Program:
+        """Program that loads a first guess."""
+        writer = ProgramWriter()
+        for channel in range(2):
+            writer.load(2, channel, self.pair + channel * self.d, self.size)
+        return writer.program()
+
+    def full(self) -> Program:
+        """Program for full multigrid: from the coarsest grid up, one V cycle on each but the finest."""
+        writer = ProgramWriter()
+        if len(self.sizes) == 1:
+            writer.clear(self.pair, self.d, self.size)
+        for level in reversed(range(1, len(self.sizes))):
+            self._cycle(writer, level, guessed=level + 1 < len(self.sizes))
+            target = self._pair(level - 1)
+            writer.clear(target, area(self.sizes[level - 1]), self.sizes[level - 1])
+            self._prolong(writer, level, target)
+        return writer.program()
+
+    def cycle(self) -> Program:
+        """Program for a V(1, 1) cycle from the finest grid; its sum is the squared residual's."""
+        writer = ProgramWriter()
+        if len(self.sizes) > 1:
+            self._sweep(writer, self.pair, self.other)
+            self._residual(writer, self.other, self.pair)
+            self._restrict(writer, 0, self.pair)
+            self._cycle(writer, 1, guessed=False)
+            self._prolong(writer, 1, self.other)
+            self._sweep(writer, self.other, self.pair)
+        self._residual(writer, self.pair, self.other)
+        return writer.program()
+
+    def chunk(self) -> Program:
+        """Program for accelerated sweeps; its sum is the squared residual's."""
+        writer = ProgramWriter()
+        writer.sweep(self.pair, self.other, self.scaled, self.d, self.size, CHUNK, chebyshev(RADIUS))
+        self._residual(writer, self.pair, self.other)
+        return writer.program()
+
+    def finish(self) -> Program:
+        """Program that stores the flow."""
+        writer = ProgramWriter()
+        writer.store(self.pair, self.d, self.size)
+        return writer.program()
+
+    def _cycle(self, writer: ProgramWriter, first: int, *, guessed: bool) -> None:
+        """Run one V(1, 1) cycle from level `first`, whose first guess is zero unless it is `guessed`."""
+        top = len(self.sizes) - 1
+        for level in range(first, top):
+            pair, other = self._pair(level), self._pair(level, 1)
+            if not guessed or level > first:
+                writer.clear(pair, area(self.sizes[level]), self.sizes[level])
+            self._coarse(writer, level, pair, other)
+            self._coarse(writer, level, other, pair, solve=False)
+            self._restrict(writer, level, pair)
+        pair, other = self._pair(top), self._pair(top, 1)
+        writer.clear(pair, area(self.sizes[top]), self.sizes[top])
+        self._coarse(writer, top, pair, other, repeat=8)
+        for level in reversed(range(first, top)):
+            pair, other = self._pair(level), self._pair(level, 1)
+            self._prolong(writer, level + 1, other)
+            self._coarse(writer, level, other, pair)
+
+    def _pair(self, level: int, which: int = 0) -> int:
+        """Return the first plane of a grid's pair of planes 0 or 1."""
+        return self.bases[level] + (2 * which + (5 if level else 0)) * area(self.sizes[level])
+
+    def _sweep(self, writer: ProgramWriter, pair: int, other: int) -> None:
+        writer.sweep(pair, other, self.scaled, self.d, self.size, 1, JACOBI)
+
+    def _residual(self, writer: ProgramWriter, pair: int, out: int) -> None:
+        factors = (self.weight,)
+        writer.add(kernels.RESIDUAL, self.size, pair, out, self.slopes, self.d, factors=factors, rings=2, zero=True)
+
+    def _coarse(
+        self, writer: ProgramWriter, level: int, pair: int, out: int, *, solve: bool = True, repeat: int = 1
+    ) -> None:
+        size, base = self.sizes[level], self.bases[level]
+        writer.add(
+            kernels.COARSE,
+            size,
+            pair,
+            out,
+            base,
+            area(size),
+            int(solve),
+            repeat=repeat,
+            rings=2,
+            zero=not solve,
+        )
+
+    def _restrict(self, writer: ProgramWriter, level: int, pair: int) -> None:
+        """Make the next coarser grid's right-hand side of the residual in `pair`."""
+        fine, coarse = self.sizes[level], self.sizes[level + 1]
+        for i in range(2):
+            target = self.bases[level + 1] + (3 + i) * area(coarse)
+            writer.add(kernels.RESTRICT, coarse, pair + i * area(fine), target, e=fine[1])
+
+    def _prolong(self, writer: ProgramWriter, level: int, pair: int) -> None:
+        """Add a grid's solution to `pair` of the next finer one."""
+        coarse, fine = self.sizes[level], self.sizes[level - 1]
+        for i in range(2):
+            source = self._pair(level) + i * area(coarse)
+            writer.add(kernels.PROLONG, fine, source, pair + i * area(fine), self.row, e=coarse[1], rings=1)
 
 
 def solve(
@@ -43,11 +207,13 @@ def solve(
     flow: NDArray[np.float32],
     started: bool,
     params: FlowParams,
+    grids: GridPlan,
     memory: NDArray[np.float32],
 ) -> tuple[float, int]:
     """Solve for the flow between two frames (H, W, 1) into `flow` (H, W, 2).
 
-    With `started`, `flow` holds a first guess.
+    Full multigrid, or with `started` the first guess that `flow` holds; a V cycle; then accelerated sweeps, with
+    more cycles where those stall.
 
     Returns
     -------
@@ -56,16 +222,23 @@ def solve(
     sweeps : int
         On the finest grid.
     """
-    residual, sweeps = kernels.full_multigrid(
-        frame0,
-        frame1,
-        flow,
-        started,
-        plan(frame0.shape[0], frame0.shape[1]).sizes,
-        memory,
-        params.derivative == "five-tap",
-        np.float32(params.smoothness),
-        params.tolerance,
-        np.uint64(params.iterations),
-    )
-    return float(residual), int(sweeps)
+    arrays = (memory, frame0, frame1, flow)
+    right = math.sqrt(grids.begin.run(*arrays))
+    if right == 0.0:
+        flow[...] = 0.0
+        return 0.0, 0
+    (grids.guess if started else grids.full).run(*arrays)
+    goal = params.tolerance * right
+    done, norm = 0, math.inf
+    while done < params.iterations and norm > goal:
+        before = last = norm
+        norm = math.sqrt(grids.cycle.run(*arrays))
+        done += 2
+        while norm > goal and norm < 0.3 * last and done < params.iterations:
+            last = norm
+            norm = math.sqrt(grids.chunk.run(*arrays))
+            done += CHUNK
+        if norm > 0.9 * before:  # as good as float32 gets
+            break
+    grids.finish.run(*arrays)
+    return norm / right, done

@@ -6,12 +6,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import kernels
 from .params import FlowParams
+from .program import JACOBI, Program, ProgramWriter, area, chebyshev
 
-__all__ = ["PyramidPlan", "estimate", "plan"]
+__all__ = ["PyramidPlan", "plan", "slopes"]
 
 MIN_SIDE = 16
 """Shortest side of a level, px."""
@@ -19,21 +19,24 @@ MIN_SIDE = 16
 BLUR = 0.68
 """Blur before a level is reduced, in units of √(1/ratio² − 1) px: less lets high frequencies fold back."""
 
-Taps = tuple[np.float32, np.float32, np.float32]
+RADIUS = 0.97
+"""Upper end of the spectrum that Chebyshev's weights are made for; what is slower, coarser levels have done."""
+
+Size = tuple[int, int]
+Taps = tuple[float, float, float]
 
 
 class PyramidPlan(NamedTuple):
-    """What does not change from frame to frame: level sizes (levels, 2), memory in floats, blur taps."""
+    """What does not change from frame to frame: sizes of the levels, the finest first; memory in floats; program."""
 
-    sizes: NDArray[np.uint64]
+    sizes: tuple[Size, ...]
     memory: int
-    presmooth: Taps
-    blur: Taps
+    program: Program
 
 
-@lru_cache(maxsize=4096)
-def plan(height: int, width: int, params: FlowParams) -> PyramidPlan:
-    """Plan the levels for frames of height × width px."""
+@lru_cache(maxsize=1024)
+def plan(height: int, width: int, params: FlowParams, started: bool = False) -> PyramidPlan:
+    """Plan the flow between frames of height × width px, from a first guess if `started`."""
     sizes = [(height, width)]
     while len(sizes) < params.levels:
         scale = params.ratio ** len(sizes)
@@ -41,54 +44,131 @@ def plan(height: int, width: int, params: FlowParams) -> PyramidPlan:
         if min(size) < MIN_SIDE:
             break
         sizes.append(size)
-    full = (height + 4) * (width + 4)
-    levels = sum((h + 4) * (w + 4) for h, w in sizes)
-    return PyramidPlan(
-        np.array(sizes, np.uint64),
-        kernels.FLOW_PLANES * full + 2 * (width + 4) + 4 * levels,
-        _gaussian(params.presmooth),
-        _gaussian(BLUR * (1.0 / params.ratio**2 - 1.0) ** 0.5),
-    )
+    writer = _Writer(tuple(sizes), params, started)
+    return PyramidPlan(writer.sizes, writer.memory, writer.write())
+
+
+class _Writer(ProgramWriter):
+    """Writes the program.
+
+    With a first guess each level warps by its reduced copy plus the increment found so far, so that its detail is not
+    lost on the way through the levels. Mode "classic", the paper's own method, has one level and warps nothing.
+    """
+
+    def __init__(self, sizes: tuple[Size, ...], params: FlowParams, started: bool) -> None:
+        super().__init__()
+        self.sizes = sizes
+        self.params = params
+        self.started = started
+        self.d = area(sizes[0])
+        self.pair, self.other, self.slopes, self.warped, self.mask, self.row = (
+            self.d * i for i in (0, 2, 4, 7, 8, 9)
+        )
+        planes = 4 if started else 2  # of each level: frame 0, frame 1, start u, start v
+        self.levels = [self.row + 2 * (sizes[0][1] + 4)]
+        for size in sizes:
+            self.levels.append(self.levels[-1] + planes * area(size))
+        self.memory = self.levels[-1]
+
+    def write(self) -> Program:
+        """Write it all."""
+        self._finest()
+        for level in range(1, len(self.sizes)):
+            self._reduce(level)
+        for level in reversed(range(len(self.sizes))):
+            self._start(level)
+            for _ in range(self.params.warps):
+                self._linearise(level)
+                self._solve(level)
+            if self.started and level:
+                self._add_start(level, -1.0)
+        self.store(self.pair, self.d, self.sizes[0])
+        return self.program()
+
+    def _finest(self) -> None:
+        """Load frames and first guess."""
+        size, base = self.sizes[0], self.levels[0]
+        for frame in range(2):
+            if self.params.presmooth:
+                self.load(frame, 0, self.pair, size)
+                taps = _gaussian(self.params.presmooth)
+                self.resample(self.pair, size, base + frame * self.d, size, self.row, taps=taps)
+            else:
+                self.load(frame, 0, base + frame * self.d, size)
+        if self.started:
+            for channel in range(2):
+                self.load(2, channel, base + (2 + channel) * self.d, size)
+
+    def _reduce(self, level: int) -> None:
+        """Make a level from the next finer one."""
+        fine, coarse = self.sizes[level - 1], self.sizes[level]
+        gains = (1.0, 1.0, coarse[1] / fine[1], coarse[0] / fine[0])
+        taps = _gaussian(BLUR * (1.0 / self.params.ratio**2 - 1.0) ** 0.5)
+        for i in range(4 if self.started else 2):
+            source, target = self.levels[level - 1] + i * area(fine), self.levels[level] + i * area(coarse)
+            self.resample(source, fine, target, coarse, self.row, gain=gains[i], taps=taps)
+
+    def _start(self, level: int) -> None:
+        """Begin a level with the flow of the next coarser one."""
+        size = self.sizes[level]
+        if level + 1 == len(self.sizes):
+            self.clear(self.pair, self.d, size)
+        else:
+            coarse = self.sizes[level + 1]
+            for i, gain in ((0, size[1] / coarse[1]), (self.d, size[0] / coarse[0])):
+                self.resample(self.pair + i, coarse, self.other + i, size, self.row, gain=gain)
+            self.pair, self.other = self.other, self.pair
+        if self.started:
+            self._add_start(level, 1.0)
+
+    def _add_start(self, level: int, factor: float) -> None:
+        size = self.sizes[level]
+        for i in range(2):
+            start = self.levels[level] + (2 + i) * area(size)
+            self.add(kernels.ADD, size, start, self.pair + i * self.d, factors=(factor,))
+
+    def _linearise(self, level: int) -> None:
+        """Take the derivatives of a level's frames, the second warped by the flow so far."""
+        size, params, d = self.sizes[level], self.params, self.d
+        first = self.levels[level]
+        second = first + area(size)
+        five = int(params.derivative == "five-tap")
+        if params.mode == "classic":
+            self.add(kernels.DERIVE, size, first, self.slopes, second, d, five)
+            self.add(kernels.SCALE, size, self.slopes, self.slopes, 0, d, factors=(params.smoothness,))
+            return
+        self.add(kernels.WARP, size, second, self.warped, self.pair, d, self.mask, rings=1, depth=2)
+        self.add(kernels.DERIVE, size, first, self.slopes, self.warped, d, five)
+        outlier = 1.0 / params.outlier**2 if params.outlier else 0.0
+        factors = (params.smoothness, outlier)
+        self.add(kernels.NORMALISE, size, self.slopes, self.slopes, self.mask, d, self.pair, factors=factors)
+
+    def _solve(self, level: int) -> None:
+        """Sweep, and take the median."""
+        size, params, d = self.sizes[level], self.params, self.d
+        weights = JACOBI if params.mode == "classic" else chebyshev(RADIUS)
+        self.pair, self.other = self.sweep(self.pair, self.other, self.slopes, d, size, params.iterations, weights)
+        if params.median > 1:
+            self.add(kernels.PAD, size, 0, self.pair, 0, d, rings=2, depth=2)
+            for i in (0, d):
+                self.add(kernels.MEDIAN, size, self.pair + i, self.other + i, e=params.median, rings=1)
+            self.pair, self.other = self.other, self.pair
 
 
 def _gaussian(sigma: float) -> Taps:
     """Weights of the centre and of the neighbours 1 and 2 px away; they sum to 1 over the five."""
-    if sigma == 0.0:
-        return np.float32(1.0), np.float32(0.0), np.float32(0.0)
     taps = np.exp(-0.5 * (np.arange(3) / sigma) ** 2)
-    taps /= taps[0] + 2.0 * (taps[1] + taps[2])
-    return np.float32(taps[0]), np.float32(taps[1]), np.float32(taps[2])
+    centre, near, far = (taps / (taps[0] + 2.0 * (taps[1] + taps[2]))).tolist()
+    return centre, near, far
 
 
-def estimate(
-    frame0: NDArray[np.float32],
-    frame1: NDArray[np.float32],
-    flow: NDArray[np.float32],
-    started: bool,
-    params: FlowParams,
-    memory: NDArray[np.float32],
-) -> None:
-    """Estimate the flow from `frame0` to `frame1`, both (H, W, 1), into `flow` (H, W, 2).
-
-    With `started`, `flow` holds a first guess: each level warps by it from the beginning. Mode "classic" runs here
-    too: one level, no warping, plain Jacobi sweeps from the guess.
-    """
-    levels = plan(frame0.shape[0], frame0.shape[1], params)
-    kernels.coarse_to_fine(
-        frame0,
-        frame1,
-        flow,
-        started,
-        levels.sizes,
-        memory,
-        params.mode == "classic",
-        params.derivative == "five-tap",
-        np.uint64(params.warps),
-        np.uint64(params.iterations),
-        np.float32(0.0) if params.mode == "classic" else kernels.RADIUS,
-        np.uint64(params.median),
-        np.float32(params.smoothness),
-        np.float32(1.0 / params.outlier**2 if params.outlier else 0.0),
-        *levels.presmooth,
-        *levels.blur,
-    )
+def slopes(height: int, width: int, derivative: str) -> PyramidPlan:
+    """Plan the derivatives of frames of height × width px, into an array (H, W, 3)."""
+    size, d = (height, width), area((height, width))
+    writer = ProgramWriter()
+    for frame in range(2):
+        writer.load(frame, 0, frame * d, size)
+    writer.add(kernels.DERIVE, size, 0, 2 * d, d, d, int(derivative == "five-tap"))
+    for channel in range(3):
+        writer.add(kernels.STORE, size, (2 + channel) * d, e=channel)
+    return PyramidPlan((size,), 5 * d, writer.program())
