@@ -124,8 +124,8 @@ class PropagationParams:
     near: float = 0.35
     near_level: float = 0.45
     follow_level: float = 0.4
-    drop: float = 0.45
-    doubt: float = 0.65
+    drop: float = 0.55
+    doubt: float = 0.75
     match_rate: float = 0.1
     separation: float = 0.3
     mask_rate: float = 0.1
@@ -460,7 +460,7 @@ def _look(state: PropagationState, view: _View, at: Pose, expected: Pose, penalt
 
 def _find(state: PropagationState, view: _View, expected: Pose, p: PropagationParams) -> _Found:
     g = state.geometry
-    penalty = p.distance_penalty / (1.0 + 0.5 * min(state.low, p.patience))
+    penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
     best = _look(state, view, expected, expected, penalty)
     if best.height < p.weak * state.peak:
         for across, down in _elsewhere(state.low - p.patience):
