@@ -28,6 +28,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
+from ..compiling import kernel
+
 __all__ = ["COLUMNS", "FACTORS", "run"]
 
 ZERO = np.uint64(0)
@@ -76,13 +78,6 @@ CALLED: dict[str, Any] = {
 # its own goes through LLVM twice, alone and in its caller.
 INNER: dict[str, Any] = {**CALLED, "inline": "always"}
 SUMMING: dict[str, Any] = {**CALLED, "fastmath": FAST | {"reassoc"}}
-OUTER: dict[str, Any] = {
-    "cache": True,
-    "nogil": True,
-    "no_cfunc_wrapper": True,
-    "fastmath": FAST,
-    "error_model": "numpy",
-}
 
 
 @njit(**INNER)
@@ -545,7 +540,7 @@ def coarse(m, u, un, d, j, solve, h, w):
             m[un + d + k] = scale * (axx * rv - axy * ru) if solve else rv
 
 
-@njit(**OUTER)
+@kernel(fastmath=FAST)
 def run(program, factors, m, frame0, frame1, flow):
     """Carry out a program; return the sum that the last step to compute one has left.
 
