@@ -78,7 +78,8 @@ def features(gray: F32, likelihood: F32 | None, window: F32) -> F32:
     out[0] = (light - mean[0, 0]) / (deviation[0, 0] + 0.05)
     gx = cv2.Sobel(gray, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
     gy = cv2.Sobel(gray, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
-    length = cv2.magnitude(gx, gy)
+    # Not cv2.magnitude: its last bits depend on the address of the array.
+    length = np.hypot(gx, gy)
     typical = float(length.mean())
     length += np.float32(0.5 * typical + 1.0)
     np.divide(gx, length, out=out[1])

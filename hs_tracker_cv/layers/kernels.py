@@ -670,7 +670,7 @@ def learn(
             gain = errors[3, y, x]
             if free and n >= KNOWN:
                 known += 1
-                if errors[2, y, x] > 5.0:
+                if error > 5.0:
                     strange += 1
                 d = 0.0
                 for c in range(channels):
