@@ -181,8 +181,8 @@ def five_tap(m, a, b, f, d, h, w):
 
 
 @njit(**INNER)
-def normalise(m, f, g, d, mask, u, lam, outlier, h, w):
-    """Turn derivatives `f` into the sweep's coefficients g = √m F / √(λ² + m (F_x² + F_y²)).
+def normalise(m, f, d, mask, u, lam, outlier, h, w):
+    """Turn derivatives `f` into the sweep's coefficients g = √m F / √(λ² + m (F_x² + F_y²)), in place.
 
     The data term is linearised about (u, v), so that the sweep solves for the whole flow. Its weight is
     m = mask / (1 + `outlier` F_t²): pixels that the flow so far does not explain count less (Lorentzian weights).
@@ -197,15 +197,17 @@ def normalise(m, f, g, d, mask, u, lam, outlier, h, w):
             change = m[i + d + d]
             weight = m[mask + k] / (np.float32(1.0) + outlier * change * change)
             scale = np.sqrt(weight / (lam2 + weight * (x_slope * x_slope + y_slope * y_slope)))
-            o = g + k
-            m[o] = x_slope * scale
-            m[o + d] = y_slope * scale
-            m[o + d + d] = (change - x_slope * m[u + k] - y_slope * m[u + d + k]) * scale
+            m[i] = x_slope * scale
+            m[i + d] = y_slope * scale
+            m[i + d + d] = (change - x_slope * m[u + k] - y_slope * m[u + d + k]) * scale
 
 
 @njit(**SUMMING)
 def scale(m, f, g, d, lam, h, w):
-    """Turn derivatives `f` into g = F / √(λ² + F_x² + F_y²); return the square sum of F_t ∇F / λ² (right side)."""
+    """Turn derivatives `f` into g = F / √(λ² + F_x² + F_y²), elsewhere.
+
+    Returns the square sum of the right-hand side F_t ∇F / λ².
+    """
     lam2 = lam * lam
     s = w + FOUR
     total = 0.0
@@ -592,7 +594,7 @@ def run(program, factors, m, frame0, frame1, flow):
                 else:
                     cube(m, a, c, b, d, h, w)
             elif code == NORMALISE:
-                normalise(m, a, b, d, c, e, f0, f1, h, w)
+                normalise(m, a, d, c, e, f0, f1, h, w)
             elif code == SWEEP:
                 # Chebyshev's weights for a spectrum of given radius; with radius 0 (f1) and f0 1 plain Jacobi
                 sweep(m, a, b, c, d, one - omega, omega * (one - f0), omega * f0, h, w)

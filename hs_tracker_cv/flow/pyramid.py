@@ -62,7 +62,7 @@ class _Writer(ProgramWriter):
         self.started = started
         self.d = area(sizes[0])
         self.pair, self.other, self.slopes, self.warped, self.mask, self.row = (
-            self.d * i for i in (0, 2, 4, 7, 8, 9)
+            self.d * i for i in (0, 2, 4, 7, 8, 10)
         )
         planes = 4 if started else 2  # of each level: frame 0, frame 1, start u, start v
         self.levels = [self.row + 2 * (sizes[0][1] + 4)]
@@ -134,14 +134,15 @@ class _Writer(ProgramWriter):
         second = first + area(size)
         five = int(params.derivative == "five-tap")
         if params.mode == "classic":
-            self.add(kernels.DERIVE, size, first, self.slopes, second, d, five)
-            self.add(kernels.SCALE, size, self.slopes, self.slopes, 0, d, factors=(params.smoothness,))
+            raw = self.warped  # three planes' room
+            self.add(kernels.DERIVE, size, first, raw, second, d, five)
+            self.add(kernels.SCALE, size, raw, self.slopes, 0, d, factors=(params.smoothness,))
             return
         self.add(kernels.WARP, size, second, self.warped, self.pair, d, self.mask, rings=1, depth=2)
         self.add(kernels.DERIVE, size, first, self.slopes, self.warped, d, five)
         outlier = 1.0 / params.outlier**2 if params.outlier else 0.0
         factors = (params.smoothness, outlier)
-        self.add(kernels.NORMALISE, size, self.slopes, self.slopes, self.mask, d, self.pair, factors=factors)
+        self.add(kernels.NORMALISE, size, self.slopes, 0, self.mask, d, self.pair, factors=factors)
 
     def _solve(self, level: int) -> None:
         """Sweep, and take the median."""
