@@ -11,7 +11,10 @@ from numba import njit
 from numba.core.caching import FunctionCache
 from numba.core.runtime.nrt import rtsys
 
-__all__ = ["kernel"]
+__all__ = ["kernel", "part"]
+
+_SETTINGS: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
+# NumPy's error model: a test for zero at every division would double the time to compile.
 
 
 class _Cache(FunctionCache):
@@ -45,10 +48,15 @@ def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        settings = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy", **options}
-        dispatcher: Any = njit(**settings)(function)
+        dispatcher: Any = njit(**{**_SETTINGS, **options})(function)
         with suppress(RuntimeError):  # Numba's "no locator available": nowhere to write
             dispatcher._cache = _Cache(function)
         return dispatcher
 
     return decorate
+
+
+def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function that only kernels call: not callable from Python, and cached as a part of its callers."""
+    decorate: Any = njit(**{**_SETTINGS, "no_cpython_wrapper": True, **options})
+    return decorate  # type: ignore[no-any-return]

@@ -9,8 +9,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from .compiling import kernel, part
 
 __all__ = ["fit_motion", "misfit", "residual_weights", "sample"]
 
@@ -20,7 +21,7 @@ _BINS = 512
 _BINS_PER_PX = 64.0
 
 
-@njit(cache=True, nogil=True)
+@part()
 def _taps(centre: float, step: float, size: int, first: Any, weight: Any) -> None:
     """Write, for each output sample, the first source pixel and the weights of the pixels it averages.
 
@@ -44,7 +45,7 @@ def _taps(centre: float, step: float, size: int, first: Any, weight: Any) -> Non
             weight[i, whole + 1 - low] += part / sub
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def sample(window: Any, cx: float, cy: float, step_x: float, step_y: float, out: Any) -> None:
     """Sample a patch round a point; beyond the window its border is repeated.
 
@@ -89,7 +90,7 @@ def sample(window: Any, cx: float, cy: float, step_x: float, step_y: float, out:
                 out[i, j, c] = total
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def residual_weights(a: Any, b: Any, flow: Any, prior: Any, weight: Any) -> None:
     """Weight of each pixel in the fit: textured, and explained by the flow.
 
@@ -133,7 +134,7 @@ def residual_weights(a: Any, b: Any, flow: Any, prior: Any, weight: Any) -> None
             weight[y, x] = prior[y, x] * strength / (strength + 30.0) / (fair * fair)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
     """Fit ``u = tx + sx X, v = ty + sy Y`` to a flow field by iteratively re-weighted least squares.
 
@@ -201,7 +202,7 @@ def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
     motion[0], motion[1], motion[2], motion[3], motion[4], motion[5] = tx, ty, sx, sy, scale, median
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def misfit(flow: Any, motion: Any, square: Any) -> None:
     """Squared distance of a flow field from a fitted motion.
 

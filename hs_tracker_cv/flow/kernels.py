@@ -23,12 +23,12 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-from ..compiling import kernel
+from ..compiling import kernel, part
 
 __all__ = ["COLUMNS", "FACTORS", "run"]
 
@@ -67,20 +67,13 @@ FACTORS = 5
 """Float columns of a program, see :func:`run`."""
 
 FAST = {"contract", "nsz"}  # reassociation would break "identical frames give exactly zero"
-CALLED: dict[str, Any] = {
-    "nogil": True,
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-    "fastmath": FAST,
-    "error_model": "numpy",
-}
 # What has one call site becomes part of its caller before anything is compiled: each function that is compiled on
 # its own goes through LLVM twice, alone and in its caller.
-INNER: dict[str, Any] = {**CALLED, "inline": "always"}
-SUMMING: dict[str, Any] = {**CALLED, "fastmath": FAST | {"reassoc"}}
+_inner = part(fastmath=FAST, inline="always")
+_summing = part(fastmath=FAST | {"reassoc"})
 
 
-@njit(**INNER)
+@_inner
 def pad(m, a, depth, keep, h, w):
     """Fill the ring of plane `a`, `depth` pixels deep, with the border pixels (`keep` 1) or with zeros (`keep` 0)."""
     s = w + FOUR
@@ -97,7 +90,7 @@ def pad(m, a, depth, keep, h, w):
             m[bottom + x] = keep * m[bottom - s + x]
 
 
-@njit(**INNER)
+@_inner
 def load(m, image, channel, a):
     """Copy one channel of an (h, w, channels) image into plane `a`; what is not finite becomes 0."""
     h = np.uint64(image.shape[0])
@@ -110,7 +103,7 @@ def load(m, image, channel, a):
             m[row + x] = value if abs(value) < limit else np.float32(0.0)
 
 
-@njit(**INNER)
+@_inner
 def store(m, a, image, channel):
     """Copy plane `a` into one channel of an (h, w, channels) image."""
     h = np.uint64(image.shape[0])
@@ -121,14 +114,14 @@ def store(m, a, image, channel):
             image[y, x, channel] = m[row + x]
 
 
-@njit(**INNER)
+@_inner
 def fill(m, a, value, count):
     """Set `count` elements."""
     for k in range(a, a + count):
         m[k] = value
 
 
-@njit(**INNER)
+@_inner
 def add(m, b, a, factor, h, w):
     """Add `factor` times plane `a` to plane `b`, rings and all."""
     d = a - b
@@ -136,7 +129,7 @@ def add(m, b, a, factor, h, w):
         m[k] += factor * m[k + d]
 
 
-@njit(**INNER)
+@_inner
 def cube(m, a, b, f, d, h, w):
     """Average four first differences over the 2 × 2 × 2 cube (step 3 of the paper)."""
     quarter = np.float32(0.25)
@@ -160,7 +153,7 @@ def cube(m, a, b, f, d, h, w):
             m[o + d + d] = quarter * (((b00 - a00) + (b01 - a01)) + ((b10 - a10) + (b11 - a11)))
 
 
-@njit(**INNER)
+@_inner
 def five_tap(m, a, b, f, d, h, w):
     """Take the central differences of Barron, Fleet & Beauchemin (1994) on the mean of both frames; F_t = b − a."""
     near = np.float32(8.0 / 24.0)
@@ -180,7 +173,7 @@ def five_tap(m, a, b, f, d, h, w):
             m[o + d + d] = m[q] - m[p]
 
 
-@njit(**INNER)
+@_inner
 def normalise(m, f, d, mask, u, lam, outlier, h, w):
     """Turn derivatives `f` into the sweep's coefficients g = √m F / √(λ² + m (F_x² + F_y²)), in place.
 
@@ -202,7 +195,7 @@ def normalise(m, f, d, mask, u, lam, outlier, h, w):
             m[i + d + d] = (change - x_slope * m[u + k] - y_slope * m[u + d + k]) * scale
 
 
-@njit(**SUMMING)
+@_summing
 def scale(m, f, g, d, lam, h, w):
     """Turn derivatives `f` into g = F / √(λ² + F_x² + F_y²), elsewhere.
 
@@ -229,7 +222,7 @@ def scale(m, f, g, d, lam, h, w):
     return total / (np.float64(lam2) * lam2)
 
 
-@njit(**CALLED)
+@part(fastmath=FAST)
 def average(m, p, s):
     """Mean of the eight neighbours of element p, 1/6 the sides and 1/12 the corners (step 4 of the paper)."""
     n = p - s
@@ -239,7 +232,7 @@ def average(m, p, s):
     )
 
 
-@njit(**INNER)
+@_inner
 def sweep(m, u, un, g, d, c_old, c_here, c_jacobi, h, w):
     """Do one sweep of the paper: new = c_old · new + c_here · (u, v) + c_jacobi · Jacobi(u, v)."""
     s = w + FOUR
@@ -256,7 +249,7 @@ def sweep(m, u, un, g, d, c_old, c_here, c_jacobi, h, w):
             m[o + d] = c_old * m[o + d] + c_here * m[q] + c_jacobi * (vb - m[i + d] * t)
 
 
-@njit(**INNER)
+@_inner
 def resample(m, a, h, w, b, hb, wb, gain, c0, c1, c2, row):
     """Resize plane `a` to plane `b` (centre-aligned, bilinear), times `gain`, after a blur by (c2, c1, c0, c1, c2).
 
@@ -342,7 +335,7 @@ def bicubic_at(typing_context: Any, m: Any, k: Any, stride: Any, tx: Any, ty: An
     return types.float32(m, types.uint64, types.uint64, types.float32, types.float32), emit
 
 
-@njit(**INNER)
+@_inner
 def warp(m, b, warped, u, d, mask, h, w):
     """Sample plane `b` at (x + u, y + v), bicubic; outside the frame take its border and mask 0."""
     zero = np.float32(0.0)
@@ -412,7 +405,7 @@ median_3x3_at = median_of(1)
 median_5x5_at = median_of(2)
 
 
-@njit(**INNER)
+@_inner
 def median_filter(m, a, b, size, h, w):
     """Write the median of plane `a` over `size` × `size` pixels (3 or 5) to plane `b`."""
     s = w + FOUR
@@ -427,7 +420,7 @@ def median_filter(m, a, b, size, h, w):
                 m[k + d] = median_5x5_at(m, k, s)
 
 
-@njit(**SUMMING)
+@_summing
 def residual(m, u, r, f, d, weight, h, w):
     """Write the residual of the paper's system over λ² to the pair `r`; `weight` is 1 / λ². Return its square sum."""
     s = w + FOUR
@@ -448,7 +441,7 @@ def residual(m, u, r, f, d, weight, h, w):
     return total
 
 
-@njit(**INNER)
+@_inner
 def project(m, f, d, wf, weight, b, h, w):
     """Sum `weight` · (F_x², F_x F_y, F_y², −F_t F_x, −F_t F_y) over 2 × 2 pixels into five coarse planes from `b`.
 
@@ -480,7 +473,7 @@ def project(m, f, d, wf, weight, b, h, w):
             m[i + FOUR * size] = -weight * yt
 
 
-@njit(**INNER)
+@_inner
 def restrict(m, p, wf, coarse, h, w):
     """Sum plane `p`, `wf` wide, over 2 × 2 pixels (λ² falls by four, so the mean is multiplied by it).
 
@@ -495,7 +488,7 @@ def restrict(m, p, wf, coarse, h, w):
             m[row + x] = (m[i] + m[i + ONE]) + (m[i + s] + m[i + s + ONE])
 
 
-@njit(**INNER)
+@_inner
 def prolong(m, coarse, wc, p, h, w, row):
     """Add to plane `p` the bilinear interpolation of a coarse plane `wc` wide: weights (9, 3, 3, 1) / 16.
 
@@ -517,7 +510,7 @@ def prolong(m, coarse, wc, p, h, w, row):
             m[k + x + x + ONE] += near * m[i] + far * m[i + ONE]
 
 
-@njit(**INNER)
+@_inner
 def coarse(m, u, un, d, j, solve, h, w):
     """Write to the pair `un` one Jacobi sweep of the pair `u` on a coarse grid, or, without `solve`, its residual.
 

@@ -11,7 +11,8 @@ and `grid` is (cx, cy, scale).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..compiling import kernel, part
 
 __all__ = [
     "KNOWN",
@@ -28,14 +29,15 @@ __all__ = [
 ]
 
 # Nothing here may be NaN: frames.crop has removed what is not finite. 'nnan' and 'ninf' stay off all the same.
-# The error model is NumPy's: a test for zero at every division would double the time to compile.
-_kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_FAST = {"contract", "reassoc", "nsz", "arcp"}
+_kernel = kernel(fastmath=_FAST)
+_part = part(fastmath=_FAST)
 
 # Samples after which a background pixel is known; until then it must stay as it is from frame to frame.
 KNOWN = np.float32(3.0)
 
 
-@_kernel
+@_part
 def _solve(a, b):
     """Solve the symmetric positive definite system a x = b in place (Cholesky); x is left in `b`."""
     n = b.size
@@ -54,7 +56,7 @@ def _solve(a, b):
         b[i] /= a[i, i]
 
 
-@_kernel
+@_part
 def _select(values, n, share):
     """The value below which `share` of values[:n] lies; their order is destroyed."""
     low = 0

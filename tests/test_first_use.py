@@ -1,0 +1,104 @@
+"""First use: compiled once, loaded from the cache after that, and at work where nothing can be written."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import hs_tracker_cv
+
+PACKAGE = Path(hs_tracker_cv.__file__).parent
+
+FLOW = """
+import numpy as np
+from hs_tracker_cv import HornSchunck
+import hs_tracker_cv
+from hs_tracker_cv.flow import kernels
+y, x = np.mgrid[:40, :40].astype(np.float32)
+frames = [128 + 60 * np.sin((x - dx) / 4) + 60 * np.cos(y / 5) for dx in (0, 1)]
+flow = HornSchunck("fast").calc(*frames)
+assert abs(flow[20, 20, 0] - 1) < 0.1, flow[20, 20]
+print(hs_tracker_cv.__file__)
+"""
+
+TRACKER = """
+import numpy as np
+from hs_tracker_cv import TrackerHS_create
+rng = np.random.default_rng(0)
+ground, square = rng.integers(0, 120, (120, 160, 3), np.uint8), rng.integers(100, 255, (30, 30, 3), np.uint8)
+def frame(i):
+    image = ground.copy()
+    image[40 : 70, 40 + i : 70 + i] = square
+    return image
+tracker = TrackerHS_create()
+tracker.init(frame(0), (40, 40, 30, 30))
+for i in range(1, 4):
+    ok, box = tracker.update(frame(i))
+assert ok and abs(box[0] - 43) <= 3, (ok, box)
+"""
+
+
+@pytest.fixture
+def installation(tmp_path):
+    """A copy of the package, without compiled files, and the environment of a process that uses it."""
+    shutil.copytree(PACKAGE, tmp_path / "lib" / "hs_tracker_cv", ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("NUMBA_", "XDG_"))}
+    environment |= {"PYTHONPATH": str(tmp_path / "lib"), "PYTHONDONTWRITEBYTECODE": "1", "HOME": str(tmp_path)}
+    return tmp_path, environment
+
+
+def make_unwritable(tmp_path, environment):
+    """Put files where caches would go: it stops root too, whom permissions do not bind."""
+    for folder in [tmp_path / "lib" / "hs_tracker_cv", *(tmp_path / "lib" / "hs_tracker_cv").rglob("*/")]:
+        if folder.is_dir():
+            (folder / "__pycache__").write_text("")
+    (tmp_path / "home").write_text("")
+    environment["HOME"] = str(tmp_path / "home")
+
+
+def run(code, environment, *options):
+    """Standard output and error of the code in a process of its own, which must succeed."""
+    command = [sys.executable, *options, "-W", "error", "-c", code]
+    answer = subprocess.run(command, env=environment, cwd=environment["PYTHONPATH"], capture_output=True, text=True)
+    assert answer.returncode == 0, answer.stderr
+    return answer.stdout, answer.stderr
+
+
+def test_works_where_nothing_can_be_written(installation):
+    """A read-only installation without a home compiles in memory, silently, and leaves nothing behind."""
+    tmp_path, environment = installation
+    make_unwritable(tmp_path, environment)
+    before = sorted(tmp_path.rglob("*"))
+    output, errors = run(TRACKER + FLOW + "assert not kernels.run.stats.cache_path", environment)
+    assert output.strip().startswith(str(tmp_path))
+    assert errors == ""
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_second_process_compiles_nothing(installation):
+    """What one process has compiled the next loads, without what only compiling needs."""
+    tmp_path, environment = installation
+    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "cache")
+    run(FLOW + "assert kernels.run.stats.cache_misses", environment)
+    loaded = "import sys; assert kernels.run.stats.cache_hits and not kernels.run.stats.cache_misses\n"
+    run(FLOW + loaded + "assert 'numba.np.arraymath' not in sys.modules", environment)
+
+
+def test_compiling_after_loading(installation):
+    """A process that has loaded one function from the cache compiles another without harm."""
+    tmp_path, environment = installation
+    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "cache")
+    run(FLOW, environment)
+    later = """
+from numba import njit
+@njit
+def total(a):
+    return np.linalg.norm(a) + np.ones(3).sum()
+assert total(np.float64([3, 4])) == 8
+"""
+    run(FLOW + later, environment)
