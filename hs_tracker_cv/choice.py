@@ -25,7 +25,7 @@ _LIMIT = -2.0
 _SIZE_WEIGHT = 4.0
 _FLOOR = 0.01
 _RATE = 0.05
-_HYSTERESIS = 0.1
+_LEAVE, _RETURN = 0.1, -0.7
 _FIRST_SWITCH = 6
 
 
@@ -90,7 +90,7 @@ def judge(choice: Choice, unexplained: float, difference: float) -> Choice:
     if frames <= WITNESS_FRAMES:
         size += (difference - size) / frames
     seen = Choice(frames, mean, size, choice.trusted, choice.since + 1)
-    trusted = seen.trusted if frames < _FIRST_SWITCH else seen.doubt < (_HYSTERESIS if seen.trusted else -_HYSTERESIS)
+    trusted = seen.trusted if frames < _FIRST_SWITCH else seen.doubt < (_LEAVE if seen.trusted else _RETURN)
     return seen if trusted == choice.trusted else Choice(frames, mean, size, trusted)
 
 

@@ -314,9 +314,19 @@ def _look(track: _Track, frame: Frame) -> tuple[LayersState | None, PropagationS
         carried = propagation.step(carried, frame, PROPAGATION)
         return layers.watch(segmented, frame, carried.report.box, LAYERS), carried
     segmented = layers.step(segmented, frame, LAYERS)
-    if segmented.report.ok and track.choice.doubt < RIDE_DOUBT and track.choice.frames % RIDE_EVERY == 0:
+    if not segmented.report.ok:
+        return _search(segmented, carried, frame)
+    if track.choice.doubt < RIDE_DOUBT and track.choice.frames % RIDE_EVERY == 0:
         carried = propagation.reseat(carried, frame, segmented.report.box, PROPAGATION, learn=True)
     return segmented, carried
+
+
+def _search(segmented: LayersState, carried: PropagationState, frame: Frame) -> tuple[LayersState, PropagationState]:
+    """Segmentation waits where the object was last; the carried box knows what it looks like and searches around."""
+    searching = propagation.step(carried, frame, PROPAGATION)
+    if carried.report.lost and searching.report.ok:
+        segmented = layers.reseed(segmented, frame, searching.report.box, LAYERS)
+    return segmented, searching
 
 
 def _followed(
