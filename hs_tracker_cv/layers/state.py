@@ -224,8 +224,6 @@ class LayersState:
         Motion contrast between object and camera, 0–1.
     match_cost : float
         Running mean residual of the predicted motion, gray levels.
-    reliability : float
-        ρ, 0–1: how far the segmentation can be trusted to decide the box.
     occlusion : Occlusion
     """
 
@@ -248,7 +246,6 @@ class LayersState:
     noise: float = 2.5
     contrast: float = 0.0
     match_cost: float = 0.0
-    reliability: float = 1.0
     occlusion: Occlusion = field(default_factory=Occlusion)
 
     def replace(self, **changes: Any) -> LayersState:
