@@ -172,7 +172,8 @@ def _transform(plane: F32) -> C64:
 
 
 def _power(spectrum: C64) -> F32:
-    return (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
+    power: F32 = (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
+    return power
 
 
 def _vertex(left: float, middle: float, right: float) -> float:
