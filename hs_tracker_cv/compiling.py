@@ -7,11 +7,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from numba import njit
+from numba import njit, types
 from numba.core.caching import FunctionCache
 from numba.core.runtime.nrt import rtsys
+from numba.extending import intrinsic
 
-__all__ = ["kernel", "part"]
+__all__ = ["kernel", "larger", "part", "smaller"]
 
 _SETTINGS: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
 # NumPy's error model: a test for zero at every division would double the time to compile.
@@ -60,3 +61,35 @@ def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function that only kernels call: not callable from Python, and cached as a part of its callers."""
     decorate: Any = njit(**{**_SETTINGS, "no_cpython_wrapper": True, **options})
     return decorate  # type: ignore[no-any-return]
+
+
+def _select(comparison: str) -> Any:
+    """Intrinsic that returns one of two numbers.
+
+    Numba compiles its own ``min`` and ``max`` as functions, once for each pair of types: a second of compiling.
+    """
+
+    @intrinsic
+    def select(typing_context: Any, a: Any, b: Any) -> Any:
+        a, b = types.unliteral(a), types.unliteral(b)
+        common = typing_context.unify_pairs(a, b)
+
+        def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            one, two = (
+                context.cast(builder, value, kind, common)
+                for value, kind in zip(arguments, signature.args, strict=True)
+            )
+            if isinstance(common, types.Float):
+                return builder.select(builder.fcmp_ordered(comparison, one, two), one, two)
+            return builder.select(builder.icmp_signed(comparison, one, two), one, two)
+
+        return common(a, b), emit
+
+    return select
+
+
+smaller = _select("<")
+"""The smaller of two floats or signed integers, inside a kernel."""
+
+larger = _select(">")
+"""The larger of two floats or signed integers, inside a kernel."""

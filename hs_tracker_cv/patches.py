@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiling import kernel, part
+from .compiling import kernel, larger, part, smaller
 
 __all__ = ["fit_motion", "misfit", "residual_weights", "sample"]
 
@@ -29,17 +29,17 @@ def _taps(centre: float, step: float, size: int, first: Any, weight: Any) -> Non
     short row of weights, so that columns and rows can be filtered one after the other.
     """
     count, length = weight.shape
-    sub = min(max(int(step + 0.5), 1), 4)
+    sub = smaller(larger(np.int64(step + 0.5), 1), 4)
     for i in range(count):
         for k in range(length):
             weight[i, k] = 0.0
         middle = centre + (i - 0.5 * (count - 1)) * step
-        low = int(np.floor(middle - 0.5 * step * (sub - 1) / sub))
-        low = max(min(low, size - length), 0)
+        low = np.int64(np.floor(middle - 0.5 * step * (sub - 1) / sub))
+        low = larger(smaller(low, size - length), 0)
         first[i] = low
         for j in range(sub):
-            position = min(max(middle + ((j + 0.5) / sub - 0.5) * step, 0.0), size - 1.0)
-            whole = min(int(position), size - 2)
+            position = smaller(larger(middle + ((j + 0.5) / sub - 0.5) * step, 0.0), size - 1.0)
+            whole = smaller(np.int64(position), size - 2)
             part = position - whole
             weight[i, whole - low] += (1.0 - part) / sub
             weight[i, whole + 1 - low] += part / sub
@@ -64,8 +64,8 @@ def sample(window: Any, cx: float, cy: float, step_x: float, step_y: float, out:
     rows, columns = out.shape[0], out.shape[1]
     first_x = np.empty(columns, np.int64)
     first_y = np.empty(rows, np.int64)
-    weight_x = np.empty((columns, int(step_x) + 3), np.float32)
-    weight_y = np.empty((rows, int(step_y) + 3), np.float32)
+    weight_x = np.empty((columns, np.int64(step_x) + 3), np.float32)
+    weight_y = np.empty((rows, np.int64(step_y) + 3), np.float32)
     _taps(cx, step_x, width, first_x, weight_x)
     _taps(cy, step_y, height, first_y, weight_y)
     length_x, length_y = weight_x.shape[1], weight_y.shape[1]
@@ -111,17 +111,17 @@ def residual_weights(a: Any, b: Any, flow: Any, prior: Any, weight: Any) -> None
     error = np.empty((height, width), np.float32)
     for y in range(height):
         for x in range(width):
-            px = min(max(x + flow[y, x, 0], 0.0), width - 1.0)
-            py = min(max(y + flow[y, x, 1], 0.0), height - 1.0)
-            ix, iy = min(int(px), width - 2), min(int(py), height - 2)
+            px = smaller(larger(x + flow[y, x, 0], 0.0), width - 1.0)
+            py = smaller(larger(y + flow[y, x, 1], 0.0), height - 1.0)
+            ix, iy = smaller(np.int64(px), width - 2), smaller(np.int64(py), height - 2)
             fx, fy = px - ix, py - iy
             top = b[iy, ix] + fx * (b[iy, ix + 1] - b[iy, ix])
             bottom = b[iy + 1, ix] + fx * (b[iy + 1, ix + 1] - b[iy + 1, ix])
             error[y, x] = abs(top + fy * (bottom - top) - a[y, x])
     for y in range(height):
-        up, down = max(y - 1, 0), min(y + 1, height - 1)
+        up, down = larger(y - 1, 0), smaller(y + 1, height - 1)
         for x in range(width):
-            left, right = max(x - 1, 0), min(x + 1, width - 1)
+            left, right = larger(x - 1, 0), smaller(x + 1, width - 1)
             res = (
                 error[up, left] + error[up, x] + error[up, right]
                 + error[y, left] + error[y, x] + error[y, right]
@@ -152,11 +152,11 @@ def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
     """
     height, width = weight.shape
     mx, my = 0.5 * (width - 1), 0.5 * (height - 1)
-    histogram = np.zeros(_BINS, np.float64)
+    histogram = np.zeros(_BINS)
     tx, ty, sx, sy, scale, median = 0.0, 0.0, 0.0, 0.0, 0.0, 8.0
     for turn in range(8):
         n = xu = yv = u1 = v1 = xw = yw = xx = yy = 1e-9
-        limit = 1.5 * max(0.05, 1.48 * median)
+        limit = 1.5 * larger(0.05, 1.48 * median)
         for i in range(_BINS):
             histogram[i] = 0.0
         for y in range(turn & 1, height, 2):
@@ -170,7 +170,7 @@ def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
                     du, dv = u - tx - scale * px, v - ty - scale * py
                     square = du * du + dv * dv
                     fair = 1.0 + square / (limit * limit)
-                    histogram[min(int(np.sqrt(square) * _BINS_PER_PX), _BINS - 1)] += w
+                    histogram[smaller(np.int64(np.sqrt(square) * _BINS_PER_PX), _BINS - 1)] += w
                     w /= fair * fair
                 n += w
                 xw += w * px

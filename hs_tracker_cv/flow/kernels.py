@@ -28,7 +28,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-from ..compiling import kernel, part
+from ..compiling import kernel, larger, part, smaller
 
 __all__ = ["COLUMNS", "FACTORS", "run"]
 
@@ -349,8 +349,8 @@ def warp(m, b, warped, u, d, mask, h, w):
             px = np.float32(x) + m[u + k + x]
             py = np.float32(y) + m[u + d + k + x]
             m[mask + k + x] = one if px >= zero and px <= right and py >= zero and py <= bottom else zero
-            px = min(px if px > zero else zero, right)
-            py = min(py if py > zero else zero, bottom)
+            px = smaller(larger(px, zero), right)
+            py = smaller(larger(py, zero), bottom)
             j = np.int64(px)
             i = np.int64(py)
             first = b + (np.uint64(i) + ONE) * s + np.uint64(j) + ONE

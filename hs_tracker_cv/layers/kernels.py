@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiling import kernel, part
+from ..compiling import kernel, larger, part, smaller
 
 __all__ = [
     "KNOWN",
@@ -46,7 +46,7 @@ def _solve(a, b):
             b[j] -= a[j, k] * b[k]
             for i in range(j, n):
                 a[i, j] -= a[i, k] * a[j, k]
-        pivot = np.sqrt(max(a[j, j], 1e-9))
+        pivot = np.sqrt(larger(a[j, j], 1e-9))
         for i in range(j, n):
             a[i, j] /= pivot
         b[j] /= pivot
@@ -61,7 +61,7 @@ def _select(values, n, share):
     """The value below which `share` of values[:n] lies; their order is destroyed."""
     low = 0
     high = n - 1
-    middle = int(share * n)
+    middle = np.int64(share * n)
     while low < high:
         pivot = values[middle]
         i = low
@@ -131,14 +131,14 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
                 qy = y + theta[3] + theta[4] * basis[1] + theta[5] * basis[2]
                 if qx < left or qy < top or qx >= right or qy >= bottom:
                     continue
-                ix = int(qx)
-                iy = int(qy)
+                ix = np.int64(qx)
+                iy = np.int64(qy)
                 fx = qx - ix
                 fy = qy - iy
-                xm = max(x - 1, 0)
-                xp = min(x + 1, w - 1)
-                ym = max(y - 1, 0)
-                yp = min(y + 1, h - 1)
+                xm = larger(x - 1, 0)
+                xp = smaller(x + 1, w - 1)
+                ym = larger(y - 1, 0)
+                yp = smaller(y + 1, h - 1)
                 sxx = sxy = syy = sxe = sye = sxr = syr = sx = sy = 0.0
                 srr = sr = sre = se = see = 0.0
                 for c in range(channels):
@@ -175,7 +175,7 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
                         se -= e
                 see *= share
                 used += wt
-                cost += wt * min(np.sqrt(see), 40.0)
+                cost += wt * smaller(np.sqrt(see), 40.0)
                 if not last:
                     rho = 1.0 + see / (scale * scale)
                     wr = share * wt / (rho * rho)
@@ -207,8 +207,8 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
             normal[i, i] += prior[i] * wanted
             rhs[i] -= prior[i] * wanted * (theta[i] - start[i])
         _solve(normal, rhs)
-        longest = max(np.sqrt(rhs[0] * rhs[0] + rhs[3] * rhs[3]), 1e-6)
-        shorten = min(1.0, 1.5 / longest)
+        longest = larger(np.sqrt(rhs[0] * rhs[0] + rhs[3] * rhs[3]), 1e-6)
+        shorten = smaller(1.0, 1.5 / longest)
         for i in range(8):
             theta[i] += shorten * rhs[i]
     return cost
@@ -235,11 +235,11 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
             g2 = gx * gx + gy * gy
             u = flow[y, x, 0]
             v = flow[y, x, 1]
-            wt = g2 / (g2 + 4.0 * noise * noise + 9.0) * min(max(0.5 * (s + 0.5), 0.1), 1.0)
+            wt = g2 / (g2 + 4.0 * noise * noise + 9.0) * smaller(larger(0.5 * (s + 0.5), 0.1), 1.0)
             if young:
                 du = u - camera[0]
                 dv = v - camera[1]
-                wt *= min(1.0, (du * du + dv * dv) * 4.0 + 0.05)
+                wt *= smaller(1.0, (du * du + dv * dv) * 4.0 + 0.05)
             points[0, n] = (x - grid[0]) / grid[2]
             points[1, n] = (y - grid[1]) / grid[2]
             points[2, n] = u
@@ -297,7 +297,7 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
             rv = points[3, p] - b_v[0] - b_v[1] * points[0, p] - b_v[2] * points[1, p]
             points[5, p] = ru * ru + rv * rv
             points[6, p] = points[5, p]
-        scale = max(0.06, 1.48 * np.sqrt(_select(points[6], n, 0.5)))
+        scale = larger(0.06, 1.48 * np.sqrt(_select(points[6], n, 0.5)))
     for i in range(3):
         theta[i] = b_u[i]
         theta[3 + i] = b_v[i]
@@ -357,7 +357,7 @@ def search_shift(image, obj, shape, different, centre, reach, step, inside, nois
         for x in range(w):
             if shape[y, x] > 0.5:
                 area += 1
-    stride = max(1, int(np.sqrt(area / 400.0)))
+    stride = larger(1, np.int64(np.sqrt(area / 400.0)))
     best = -1e9
     still = 0.0
     best_x = 0
@@ -381,8 +381,8 @@ def search_shift(image, obj, shape, different, centre, reach, step, inside, nois
                     e = 0.0
                     for c in range(channels):
                         e += abs(image[qy, qx, c] - obj[y, x, c])
-                    score += 1.0 - min(e * unit, 2.0)
-            score /= max(n, 1)
+                    score += 1.0 - smaller(e * unit, 2.0)
+            score /= larger(n, 1)
             if sx == 0 and sy == 0:
                 still = score
             if score > best:
@@ -433,8 +433,8 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
     mean = 1.0 / channels
     noise2 = noise * noise
     for y in range(h):
-        ym = max(y - 1, 0)
-        yp = min(y + 1, h - 1)
+        ym = larger(y - 1, 0)
+        yp = smaller(y + 1, h - 1)
         for x in range(w):
             fresh[y, x] = 0
             if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
@@ -444,12 +444,12 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
                 out[3, y, x] = 1.0
                 out[4, y, x] = 0.0
                 continue
-            xm = max(x - 1, 0)
-            xp = min(x + 1, w - 1)
+            xm = larger(x - 1, 0)
+            xp = smaller(x + 1, w - 1)
             n = counts[0, y, x]
             s = warped[y, x]
             gain_b = (products[y, x, 0] + 50.0) / (products[y, x, 1] + 50.0)
-            gain_b = min(max(gain_b, 0.35), 2.5)
+            gain_b = smaller(larger(gain_b, 0.35), 2.5)
             grad_b = b2 = eb = egb = 0.0
             for c in range(channels):
                 i = image[y, x, c]
@@ -464,7 +464,7 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
                 egb += e * e
             # the factor ¼ makes (difference over two pixels)² the gradient squared; κ/s² of the channel mean
             grad_b *= mean / 4.0
-            var_b = noise2 * (1.0 + 1.0 / max(n, 1.0)) + tau_b * grad_b
+            var_b = noise2 * (1.0 + 1.0 / larger(n, 1.0)) + tau_b * grad_b
             unit = kappa * mean / var_b
             direct = eb * unit
             out[2, y, x] = direct
@@ -475,7 +475,7 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
                 out[1, y, x] = direct
                 continue
             gain_o = (products[y, x, 2] + 50.0) / (products[y, x, 3] + 50.0)
-            gain_o = min(max(gain_o, 0.6), 1.7)
+            gain_o = smaller(larger(gain_o, 0.6), 1.7)
             grad_o = em = eo = ego = 0.0
             for c in range(channels):
                 i = image[y, x, c]
@@ -494,25 +494,25 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
             if gain_b < 0.97:
                 # a shadow leaves the texture: where there is some, to be explained that way is no accident, unless
                 # there is so much noise that a dark object would do as well
-                error_b = min(error_b, egb * unit + max(2.0, 0.8 * noise) / (1.0 + grad_b / noise2))
+                error_b = smaller(error_b, egb * unit + larger(2.0, 0.8 * noise) / (1.0 + grad_b / noise2))
             elif gain_b > 1.03:
                 lifted = kappa * mean / (var_b + 0.0025 * b2 * mean)
-                error_b = min(error_b, egb * lifted + 3.0)
+                error_b = smaller(error_b, egb * lifted + 3.0)
             if n < KNOWN:
                 still = em * kappa * mean / (2.0 * noise2 + tau_b * grad_b)
                 out[4, y, x] = still
-                error_b = min(error_b, still)
-            error_o = min(eo, ego + var_o / (kappa * mean)) * kappa * mean / var_o
+                error_b = smaller(error_b, still)
+            error_o = smaller(eo, ego + var_o / (kappa * mean)) * kappa * mean / var_o
             if s < -0.5:
                 error_o = 5.0  # its appearance there is unknown
             ceiling = 9.0 if n >= KNOWN else 4.0
-            ll = 0.5 * (min(error_b, ceiling) - min(error_o, 5.0))
+            ll = 0.5 * (smaller(error_b, ceiling) - smaller(error_o, 5.0))
             if n >= KNOWN and error_b < 4.0:
                 ll -= 0.8 * contrast * (1.0 - error_b / 4.0)
             if contrast < 0.99 and ll < 0.0 and n < 7.0 and s > 0.0:
                 ll *= contrast
             if occluded > 0.0 and n > KNOWN and error_b < 2.0:
-                ll = min(ll, -1.5)
+                ll = smaller(ll, -1.5)
             if error_b >= 7.2 and n > KNOWN and counts[2, y, x] <= 4.0:
                 fresh[y, x] = 1
             out[0, y, x] = ll
@@ -530,24 +530,24 @@ def label(image, warped, ll, grown, ratio, trust, bins, out):
     for y in range(h):
         for x in range(w):
             if channels == 3:
-                blue = int(image[y, x, 0])
-                green = int(image[y, x, 1])
-                red = int(image[y, x, 2])
+                blue = np.int64(image[y, x, 0])
+                green = np.int64(image[y, x, 1])
+                red = np.int64(image[y, x, 2])
                 b = ((blue >> 5) << 6) + ((green >> 5) << 3) + (red >> 5)
             else:
-                b = int(image[y, x, 0]) >> 3
+                b = np.int64(image[y, x, 0]) >> 3
             bins[y, x] = b
             s = warped[y, x]
             if grown[y, x] == 1:
-                ll[y, x] = max(ll[y, x], 2.0)
-                s = max(s, -0.5)
+                ll[y, x] = larger(ll[y, x], 2.0)
+                s = larger(s, -0.5)
             elif grown[y, x] == 3:
-                ll[y, x] = min(ll[y, x], -2.0)
-                s = min(s, -1.0)
+                ll[y, x] = smaller(ll[y, x], -2.0)
+                s = smaller(s, -1.0)
             elif grown[y, x] == 2 and s < 1.0:
-                ll[y, x] = min(ll[y, x], -1.0)
+                ll[y, x] = smaller(ll[y, x], -1.0)
             p = 0.9 * s + 0.7 * ll[y, x] + trust * ratio[b]
-            out[y, x] = min(max(p, -5.0), 5.0)
+            out[y, x] = smaller(larger(p, -5.0), 5.0)
 
 
 @_kernel
@@ -569,8 +569,8 @@ def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
             for c in range(channels):
                 inner[c] = 0.0
                 outer[c] = 0.0
-            for j in range(max(y - 3, 0), min(y + 4, h)):
-                for i in range(max(x - 3, 0), min(x + 4, w)):
+            for j in range(larger(y - 3, 0), smaller(y + 4, h)):
+                for i in range(larger(x - 3, 0), smaller(x + 4, w)):
                     if core[j, i] != 0:
                         n_in += 1
                         for c in range(channels):
@@ -593,7 +593,7 @@ def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
                 continue
             alpha = along / span
             if alpha < 0.7 and total - alpha * along < 0.15 * span:
-                odds[y, x] = min(odds[y, x], max(8.0 * (alpha - 0.5), -3.0))
+                odds[y, x] = smaller(odds[y, x], larger(8.0 * (alpha - 0.5), -3.0))
 
 
 @_kernel
@@ -643,13 +643,13 @@ def learn(
             s = warped[y, x]
             belief = odds[y, x]
             if m:
-                s_new = max(raw[y, x], 0.2)
+                s_new = larger(raw[y, x], 0.2)
             else:
                 s_new = s + 0.5 * (belief - s)
-            s_out[y, x] = min(max(s_new, -3.0), 4.0)
+            s_out[y, x] = smaller(larger(s_new, -3.0), 4.0)
             m_out[y, x] = shape[y, x]
             if freeze == 0.0:
-                target = min(max(belief + 0.5, 0.0), 1.0) if m else 0.0
+                target = smaller(larger(belief + 0.5, 0.0), 1.0) if m else 0.0
                 m_out[y, x] += shape_rate * (target - shape[y, x])
             rate = 0.0
             if m:
@@ -705,13 +705,13 @@ def learn(
                 continue
             if n >= KNOWN and gain > 1.07:
                 n = 0.0
-            rate = max(1.0 / (n + 1.0), 0.06)
+            rate = larger(1.0 / (n + 1.0), 0.06)
             if n >= KNOWN and gain < 0.985:
-                rate = min(rate, 0.02)
+                rate = smaller(rate, 0.02)
             for c in range(channels):
                 b = ground[y, x, c]
                 ground[y, x, c] = b + rate * (aligned[y, x, c] - b)
-            counts[0, y, x] = min(n + 1.0, 20.0)
+            counts[0, y, x] = smaller(n + 1.0, 20.0)
     sums[0] = known
     sums[1] = strange
     sums[2] = total
