@@ -38,7 +38,7 @@ PERTURBATION = 0.1
 WARM_UP = 5
 """Updates before the timed ones: compilation, caches, the first allocation."""
 
-TIMED_UPDATES = 20
+TIMED_UPDATES = 40
 """Per sequence and tracker: enough for a median, since thirty sequences are measured."""
 
 _PROTOCOL = "1"  # part of every key: raise it when what a tracker is given changes
