@@ -327,13 +327,19 @@ def test_an_interrupted_run_goes_on(
     command = [sys.executable, "-m", "eval", "run", "--dataset", f"otb:{tmp_path / 'data'}", "--out", str(tmp_path)]
     command += ["--trackers", "bad_trackers:Fine", "bad_trackers:Hang"]
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    # A shell's background job ignores Ctrl-C and would hand that down to the command.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGINT, before)
     stored = tmp_path / "otb-data" / "tracks"
-    deadline = time.monotonic() + 60.0
-    while not list(stored.glob("*Fine/*.json")) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    process.send_signal(number)
-    _, message = process.communicate(timeout=30.0)
+    try:
+        deadline = time.monotonic() + 60.0
+        while not list(stored.glob("*Fine/*.json")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        process.send_signal(number)
+        _, message = process.communicate(timeout=60.0)
+    finally:
+        process.kill()
     assert process.returncode == 130
     assert "interrupted" in message
     assert [path.parent.name for path in stored.glob("*/*.json")] == ["bad_trackers_Fine"]
