@@ -286,7 +286,9 @@ def test_shape_and_dtype(height, width, mode, dtype):
 def test_constant_images_have_no_flow(level0, level1, mode):
     """Without a gradient there is no flow but rounding, whatever the brightness does."""
     frame0, frame1 = np.full((24, 31), level0, np.uint8), np.full((24, 31), level1, np.uint8)
-    np.testing.assert_allclose(HornSchunck(mode).calc(frame0, frame1), 0.0, atol=1e-4)
+    # Smoothing leaves gradients of about one float32 rounding of 255, 1.5e-5 gray levels; times a change of 255 over
+    # λ² that is less than 1e-3 px.
+    np.testing.assert_allclose(HornSchunck(mode).calc(frame0, frame1), 0.0, atol=1e-3)
 
 
 @settings(max_examples=15, deadline=None)
