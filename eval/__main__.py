@@ -13,6 +13,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "speed": ("eval.commands:speed", "time single updates, all trackers side by side"),
     "flow": ("eval.flow:main_flow", "compare dense flow methods on true flow"),
     "bench": ("eval.commands:bench", "run, speed and report on one suite with every tracker"),
+    "ablate": ("eval.commands:ablate", "what each part of TrackerHS is worth"),
     "check": ("eval.commands:check", "compare with the committed reference figures"),
     "report": ("eval.commands:report", "tables, plots and the HTML report from stored results"),
 }

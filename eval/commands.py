@@ -12,7 +12,7 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from . import regression
+from . import ablation, regression
 from .report import write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
 from .runner import TIMED_UPDATES, Limits, make_jobs, measure_speed, run_jobs
@@ -25,11 +25,12 @@ from .tables import (
     sequence_table,
     speed_text,
     summarise_folder,
+    write_table,
     write_tables,
 )
 from .trackers import DEFAULT_TRACKERS, TrackerSpec, find_tracker
 
-__all__ = ["report", "run", "speed"]
+__all__ = ["ablate", "bench", "check", "report", "run", "speed"]
 
 # A table that is written to a file or a pipe is not squeezed into 80 columns.
 _console = Console(width=None if sys.stdout.isatty() else 200)
@@ -181,6 +182,47 @@ def bench(*, suite: str = "standard", jobs: int = 2, repeats: int = 1, out: _Out
     _run_with_progress(specs, found, folder, jobs, Limits(), 0, False)
     _speed_with_progress(specs, found, folder, TIMED_UPDATES, Limits(60.0))
     report(out=out, only=suite)
+
+
+def ablate(
+    *,
+    suite: str | None = None,
+    dataset: str | None = None,
+    parts: tuple[str, ...] = (),
+    sequences: tuple[str, ...] = (),
+    jobs: int = 2,
+    out: _Out = Path("results"),
+) -> None:
+    """What each part of TrackerHS is worth: mean IoU with one part taken out, or with another flow in it.
+
+    Parameters
+    ----------
+    suite
+        Synthetic suite; "standard" when no data set is given.
+    dataset
+        otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.
+    parts
+        Only these, by their names in eval/ablation.py.
+    sequences
+        Only these.
+    jobs
+        Processes at a time.
+    out
+        Folder of the results.
+    """
+    specs = ablation.specs(parts)
+    source, found = _load(suite, dataset, sequences, None)
+    folder = Folder(out / f"ablation-{_folder_name(suite, dataset)}")
+    folder.write_manifest(source, found)
+    _run_with_progress(specs, found, folder, jobs, Limits(900.0), 0, False)
+    summary = summarise_folder(folder, chosen=ablation.WHOLE, trackers=[spec.name for spec in specs])
+    write_tables(summary, folder.path / "tables")
+    table = ablation.ablation_table(summary)
+    write_table(table, "ablation", folder.path / "tables")
+    _console.print(console_table(table, f"ablation on {source}"))
+    failures = failure_table(summary)
+    if len(failures):
+        _console.print(console_table(failures, "runs that did not go through"))
 
 
 def check(*, suite: str = "smoke", tracker: str = "TrackerHS", jobs: int = 2, update: bool = False) -> int:

@@ -24,7 +24,15 @@ from .statistics import (
     speed_table,
 )
 
-__all__ = ["Summary", "console_table", "format_cell", "overall_table", "summarise_folder", "write_tables"]
+__all__ = [
+    "Summary",
+    "console_table",
+    "format_cell",
+    "overall_table",
+    "summarise_folder",
+    "write_table",
+    "write_tables",
+]
 
 SPEED_RIVAL = "CSRT"
 """Whose time per update the others are compared with."""
@@ -237,18 +245,29 @@ def write_tables(summary: Summary, folder: Path) -> list[Path]:
         "sequences": sequence_table(summary),
         "attributes": attribute_table(summary),
     }
-    contents = {f"{name}.csv": table.to_csv(index=False) for name, table in full.items()}
-    contents |= {
-        f"{name}.md": table.to_markdown(index=False, disable_numparse=True) + "\n" for name, table in shown.items()
-    }
-    contents |= {f"{name}.tex": _latex(table) for name, table in shown.items()}
+    files = [_write(folder / f"{name}.csv", table.to_csv(index=False)) for name, table in full.items()]
+    return files + [file for name, table in shown.items() for file in write_table(table, name, folder)]
+
+
+def write_table(table: pd.DataFrame, name: str, folder: Path) -> list[Path]:
+    """Write a table of texts as Markdown and LaTeX into a folder; returns the files.
+
+    Raises
+    ------
+    ResultsError
+        If they cannot be written.
+    """
+    markdown = table.to_markdown(index=False, disable_numparse=True) + "\n"
+    return [_write(folder / f"{name}.md", markdown), _write(folder / f"{name}.tex", _latex(table))]
+
+
+def _write(path: Path, text: str) -> Path:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in contents.items():
-            (folder / name).write_text(text, encoding="utf-8")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise ResultsError(f"cannot write the tables to {folder}: {error.strerror or error}") from error
-    return [folder / name for name in contents]
+        raise ResultsError(f"cannot write {path}: {error.strerror or error}") from error
+    return path
 
 
 def _latex(table: pd.DataFrame) -> str:

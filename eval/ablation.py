@@ -1,0 +1,271 @@
+"""What each part of the tracker is worth: the same tracker with one part taken out, or with another flow in it.
+
+The tracker has no switches for this, since a switch that nobody should touch is a burden on everybody. The surgery is
+done from outside: the process that runs the ablated tracker (each run has one of its own) first replaces a function
+of the library. A part that is no longer where it was raises, so that no row of the table can be a row without effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from .statistics import differences
+from .tables import Summary, format_cell
+from .trackers import TrackerSpec
+
+__all__ = ["ABLATIONS", "WHOLE", "Ablation", "Cut", "ablated", "ablation_table", "specs"]
+
+WHOLE = "whole"
+"""Name of the tracker from which nothing is taken."""
+
+_LIBRARY = "hs_tracker_cv"
+
+
+class Cut(NamedTuple):
+    """One replacement: ``make(old)`` is put where a function or value of the library stands."""
+
+    module: str
+    name: str
+    make: Callable[[Any], Any]
+
+    def do(self) -> None:
+        """Change the library in this process, for good."""
+        place = import_module(f"{_LIBRARY}.{self.module}")
+        setattr(place, self.name, self.make(getattr(place, self.name)))
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """One row of the table.
+
+    Parameters
+    ----------
+    group : str
+        The room that the part belongs to.
+    title : str
+        What is off, or what stands in its place.
+    cuts : tuple of Cut, optional
+        What is replaced in the library.
+    mode : str, optional
+        Of ``TrackerHS_Params``.
+    """
+
+    group: str
+    title: str
+    cuts: tuple[Cut, ...] = ()
+    mode: str = "auto"
+
+
+def ablated(without: str) -> Any:
+    """Make a tracker after taking a part out of the library, in this process and for good.
+
+    Parameters
+    ----------
+    without : str
+        Name in :data:`ABLATIONS`, or :data:`WHOLE`.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown.
+    """
+    if without not in (WHOLE, *ABLATIONS):
+        raise ValueError(f"expected one of {', '.join((WHOLE, *ABLATIONS))}, got {without!r}")
+    part = ABLATIONS.get(without, Ablation("", ""))
+    for cut in part.cuts:
+        cut.do()
+    library = import_module(_LIBRARY)
+    return library.TrackerHS_create(library.TrackerHS_Params(mode=part.mode))
+
+
+def specs(names: tuple[str, ...] = ()) -> list[TrackerSpec]:
+    """Trackers to run: the whole one first, then one per ablation (all, or those named).
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown.
+    """
+    unknown = set(names) - set(ABLATIONS)
+    if unknown:
+        raise ValueError(f"unknown part {', '.join(sorted(unknown))}; known: {', '.join(ABLATIONS)}")
+    chosen = (WHOLE, *(name for name in ABLATIONS if not names or name in names))
+    return [
+        TrackerSpec(name, f"{__name__}:ablated", params={"without": name}, sources=(_LIBRARY, __name__))
+        for name in chosen
+    ]
+
+
+def ablation_table(summary: Summary) -> pd.DataFrame:
+    """What each part is worth, as text: the mean without it, the change with its interval, and who pays most."""
+    wide = summary.pairs.pivot(index="sequence", columns="tracker", values="mean_iou")
+    changes = differences(summary.pairs, WHOLE).set_index("other")
+    means = summary.overall.set_index("tracker")["mean_iou"]
+    rows = [("", WHOLE, format_cell(means[WHOLE]), "", "", "")]
+    for name, part in ABLATIONS.items():
+        if name not in changes.index:
+            continue
+        row, gaps = changes.loc[name], (wide[name] - wide[WHOLE]).dropna().sort_values()
+        worst = ", ".join(f"{sequence} {gap:+.2f}" for sequence, gap in gaps.head(3).items() if gap < -0.02)
+        best = ", ".join(f"{sequence} {gap:+.2f}" for sequence, gap in gaps[::-1].head(2).items() if gap > 0.02)
+        interval = f"{-row['high']:+.3f} to {-row['low']:+.3f}"
+        cost = "; ".join(text for text in (worst, best) if text)
+        rows.append((part.group, part.title, format_cell(means[name]), f"{-row['difference']:+.3f}", interval, cost))
+    return pd.DataFrame(rows, columns=["room", "off or replaced", "mean IoU", "change", "95 %", "where"])
+
+
+# --- the surgery -------------------------------------------------------------------------------------------
+
+
+def _with_fields(**values: Any) -> Callable[[Any], Any]:
+    """Frozen parameters with other values."""
+    return lambda params: replace(params, **values)
+
+
+def _unregistered(gauss_newton: Any) -> Any:
+    """Registration that takes no step: it only measures the residual."""
+
+    def measure(*arguments: Any) -> Any:
+        before, (iterations, *after) = arguments[:7], arguments[7:]
+        assert isinstance(iterations, int)
+        return gauss_newton(*before, 0, *after)
+
+    return measure
+
+
+def _without_memory(weigh: Any) -> Any:
+    """Background known from the last frame only: no pixel of its memory counts as seen."""
+
+    def weigh_frame_pair(state: Any, view: Any, expected: Any, moves: Any) -> Any:
+        counts = moves.atlas.counts.copy()
+        counts[0] = np.minimum(counts[0], 0.0)
+        return weigh(state, view, expected, moves._replace(atlas=replace(moves.atlas, counts=counts)))
+
+    return weigh_frame_pair
+
+
+def _never_occluded(judge: Any) -> Any:
+    """Nothing is ever in front of the object; out of sight it can still be."""
+
+    def judge_nothing(last: Any, *arguments: Any) -> Any:
+        return type(last)()
+
+    return judge_nothing
+
+
+def _one_brightness(local_products: Any) -> Any:
+    """Local gains of one: shadow, flicker and glint count as change."""
+
+    def products_of_equals(image: Any, background: Any, obj: Any, out: Any) -> None:
+        out[...] = 1.0
+
+    return products_of_equals
+
+
+class _OtherFlow:
+    """Stands where a :class:`~hs_tracker_cv.flow.HornSchunck` stood.
+
+    A method that takes no first guess is given the second frame warped by it, and adds what it finds to the guess.
+    """
+
+    def __init__(self, method: Callable[..., Any], guessed: bool) -> None:
+        self._method = method
+        self._guessed = guessed
+
+    def calc(
+        self, previous: NDArray[np.float32], current: NDArray[np.float32], start: NDArray[np.float32] | None
+    ) -> NDArray[np.float32]:
+        """Flow from `previous` to `current`, both (H, W) gray, 0–255 or round zero, as patches are."""
+        shift = 0.0 if min(previous.min(), current.min()) >= 0.0 else 128.0
+        first, second = (np.clip(frame + shift + 0.5, 0, 255).astype(np.uint8) for frame in (previous, current))
+        if start is None or not self._guessed:
+            return np.asarray(self._method(first, second), np.float32)
+        height, width = first.shape
+        x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+        warped = cv2.remap(
+            second, x + start[:, :, 0], y + start[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(start + self._method(first, warped), np.float32)
+
+
+def _flow(method: str, *, guessed: bool = True) -> tuple[Cut, ...]:
+    """Cuts that put a method of the flow comparison where Horn–Schunck stands, in both modes."""
+
+    def make(horn_schunck: Any) -> Any:
+        from .flow_methods import FLOW_METHODS
+
+        return lambda *preset, **options: _OtherFlow(FLOW_METHODS[method].factory(), guessed)
+
+    return Cut("flow", "HornSchunck", make), Cut("propagation", "HornSchunck", make)
+
+
+ABLATIONS: dict[str, Ablation] = {
+    "flow-none": Ablation("flow", "no flow: the predicted motion stands", _flow("zero")),
+    "flow-paper": Ablation("flow", "the paper: classic, one scale, no first guess", _flow("paper", guessed=False)),
+    "flow-dis": Ablation("flow", "cv2 DIS, medium", _flow("dis-medium")),
+    "flow-farneback": Ablation("flow", "cv2 Farnebäck", _flow("farneback")),
+    "flow-tvl1": Ablation("flow", "scikit-image TV-L1", _flow("tvl1")),
+    "flow-lucas-kanade": Ablation("flow", "pyramidal Lucas–Kanade", _flow("lucas-kanade")),
+    "no-registration": Ablation(
+        "layers",
+        "registration with the object layer (Gauss–Newton)",
+        (Cut("layers.motion", "gauss_newton", _unregistered),),
+    ),
+    "no-search": Ablation(
+        "layers",
+        "search over translations",
+        (Cut("layers.motion", "_search", lambda _: lambda state, *rest: state.velocity),),
+    ),
+    "no-camera": Ablation(
+        "layers",
+        "registration of the camera to the background memory",
+        (Cut("layers.background", "gauss_newton", _unregistered),),
+    ),
+    "no-memory": Ablation("layers", "background memory", (Cut("layers.labelling", "weigh", _without_memory),)),
+    "no-gain": Ablation(
+        "layers", "brightness gain (shadow, flicker)", (Cut("layers.labelling", "local_products", _one_brightness),)
+    ),
+    "no-colour": Ablation(
+        "layers", "colour histograms", (Cut("tracker", "LAYERS", _with_fields(colour_weight=0.0)),)
+    ),
+    "no-growth": Ablation(
+        "layers",
+        "growth and distractors",
+        (Cut("layers.mask", "grow", lambda _: lambda fresh, *rest: (np.zeros_like(fresh), np.zeros_like(fresh))),),
+    ),
+    "no-edge": Ablation(
+        "layers",
+        "mixed pixels of the edge",
+        (Cut("layers.mask", "refine_edge", lambda _: lambda image, background, seen, mask, *rest: mask),),
+    ),
+    "no-occlusion": Ablation("layers", "occlusion", (Cut("layers.occlusion", "judge", _never_occluded),)),
+    "no-keys": Ablation(
+        "propagation", "keyframes but the first", (Cut("tracker", "PROPAGATION", _with_fields(key_gap=10**9)),)
+    ),
+    "no-velocity": Ablation(
+        "propagation",
+        "prediction by the velocity",
+        (Cut("tracker", "PROPAGATION", _with_fields(velocity_rate=0.0)),),
+    ),
+    "no-scale": Ablation(
+        "propagation",
+        "change of size",
+        (Cut("tracker", "PROPAGATION", _with_fields(max_scale_step=0.0, max_key_scale=0.0)),),
+    ),
+    "no-learning": Ablation(
+        "propagation",
+        "learning after the first frame",
+        (Cut("propagation", "_learn", lambda _: lambda model, *rest: model),),
+    ),
+    "layers-only": Ablation("choice", "the carried box: segmentation always", mode="layers"),
+    "propagation-only": Ablation("choice", "segmentation: the carried box always", mode="propagation"),
+}
+"""Every ablation, in the order of the table."""
