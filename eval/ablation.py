@@ -80,9 +80,10 @@ def ablated(without: str) -> Any:
     if without not in (WHOLE, *ABLATIONS):
         raise ValueError(f"expected one of {', '.join((WHOLE, *ABLATIONS))}, got {without!r}")
     part = ABLATIONS.get(without, Ablation("", ""))
+    # All of it first: a module imported after the surgery would bind what another was given.
+    library = import_module(f"{_LIBRARY}.tracker")
     for cut in part.cuts:
         cut.do()
-    library = import_module(_LIBRARY)
     return library.TrackerHS_create(library.TrackerHS_Params(mode=part.mode))
 
 
@@ -196,20 +197,33 @@ class _OtherFlow:
         return np.asarray(start + self._method(first, warped), np.float32)
 
 
-def _flow(method: str, *, guessed: bool = True) -> tuple[Cut, ...]:
+def _flow(method: str) -> tuple[Cut, ...]:
     """Cuts that put a method of the flow comparison where Horn–Schunck stands, in both modes."""
 
     def make(horn_schunck: Any) -> Any:
         from .flow_methods import FLOW_METHODS
 
-        return lambda *preset, **options: _OtherFlow(FLOW_METHODS[method].factory(), guessed)
+        return lambda *preset, **options: _OtherFlow(FLOW_METHODS[method].factory(), guessed=True)
 
+    return _flow_cuts(make)
+
+
+def _paper(horn_schunck: Any) -> Any:
+    """The paper's flow: smoothed frames, plain sweeps at one scale with λ = 10, no first guess."""
+
+    def calc(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Any:
+        return horn_schunck("classic").calc(*(cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in (first, second)))
+
+    return lambda *preset, **options: _OtherFlow(calc, guessed=False)
+
+
+def _flow_cuts(make: Callable[[Any], Any]) -> tuple[Cut, ...]:
     return Cut("flow", "HornSchunck", make), Cut("propagation", "HornSchunck", make)
 
 
 ABLATIONS: dict[str, Ablation] = {
     "flow-none": Ablation("flow", "no flow: the predicted motion stands", _flow("zero")),
-    "flow-paper": Ablation("flow", "the paper: classic, one scale, no first guess", _flow("paper", guessed=False)),
+    "flow-paper": Ablation("flow", "the paper's: one scale, no first guess", _flow_cuts(_paper)),
     "flow-dis": Ablation("flow", "cv2 DIS, medium", _flow("dis-medium")),
     "flow-farneback": Ablation("flow", "cv2 Farnebäck", _flow("farneback")),
     "flow-tvl1": Ablation("flow", "scikit-image TV-L1", _flow("tvl1")),

@@ -209,10 +209,11 @@ def console_table(table: pd.DataFrame, title: str, *, bold: str = "") -> Table:
     found = Table(
         title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False, min_width=len(title)
     )
-    for position, name in enumerate(table.columns):
+    for name in table.columns:
+        cells = [str(cell) for cell in table[name]]
         # Headings may wrap, numbers may not.
-        width = max((len(str(cell)) for cell in table[name]), default=1)
-        found.add_column(str(name), justify="left" if position == 0 else "right", min_width=width)
+        words = any(cell[:1].isalpha() for cell in cells)
+        found.add_column(str(name), justify="left" if words else "right", min_width=max(map(len, cells), default=1))
     for row in table.itertuples(index=False):
         cells = [str(cell) for cell in row]
         found.add_row(*cells, style="bold" if cells[0] == bold else "")
