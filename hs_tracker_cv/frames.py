@@ -151,7 +151,7 @@ def _four_numbers(values: Any) -> NDArray[np.float64] | None:
         return None
 
 
-def crop(frame: Frame, x0: int, y0: int, width: int, height: int) -> NDArray[np.float32]:
+def crop(frame: Frame, x0: int, y0: int, width: int, height: int, *, step: int = 1) -> NDArray[np.float32]:
     """Cut a window out of a frame, as float32 in 0–255.
 
     Parameters
@@ -160,28 +160,41 @@ def crop(frame: Frame, x0: int, y0: int, width: int, height: int) -> NDArray[np.
     x0, y0 : int
         Top-left pixel; may lie outside the frame.
     width, height : int
-        Size of the window, px.
+        Size of the window, px; multiples of `step`.
+    step : int, optional
+        Average `step` × `step` pixels to one, of 8-bit frames to whole gray levels: then only what is left is
+        converted, which for a large window is most of the work.
 
     Returns
     -------
-    ndarray, shape (height, width, C), float32, C-contiguous
+    ndarray, shape (height / step, width / step, C), float32, C-contiguous
         A copy. Outside the frame the border pixels are repeated; NaN and infinities become 0.
     """
     left, top = min(max(x0, 0), frame.width - 1), min(max(y0, 0), frame.height - 1)
     right, bottom = min(max(x0 + width, left + 1), frame.width), min(max(y0 + height, top + 1), frame.height)
+    part = frame.pixels[top:bottom, left:right]
+    if part.dtype != np.uint8:
+        part = _as_float(part, frame.gain)
+    if part.shape[:2] != (height, width):
+        rows = np.clip(np.arange(y0, y0 + height), top, bottom - 1) - top
+        columns = np.clip(np.arange(x0, x0 + width), left, right - 1) - left
+        part = part[rows[:, np.newaxis], columns[np.newaxis, :]]
+    if step > 1:
+        size = (width // step, height // step)
+        part = cv2.resize(part, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], -1)
+    return np.ascontiguousarray(part, dtype=np.float32)
+
+
+def _as_float(part: NDArray[Any], gain: float) -> NDArray[np.float32]:
     # Values beyond float32 become infinite, and infinite ones black below.
     with np.errstate(over="ignore", invalid="ignore"):
-        part = frame.pixels[top:bottom, left:right].astype(np.float32)
-        if frame.gain != 1.0:
-            part *= np.float32(frame.gain)
-    if frame.pixels.dtype.kind == "f":
-        np.nan_to_num(part, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-        np.clip(part, 0.0, 255.0, out=part)
-    if part.shape[:2] == (height, width):
-        return np.ascontiguousarray(part)
-    rows = np.clip(np.arange(y0, y0 + height), top, bottom - 1) - top
-    columns = np.clip(np.arange(x0, x0 + width), left, right - 1) - left
-    return np.ascontiguousarray(part[rows[:, np.newaxis], columns[np.newaxis, :]])
+        values = part.astype(np.float32)
+        if gain != 1.0:
+            values *= np.float32(gain)
+    if part.dtype.kind == "f":
+        np.nan_to_num(values, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        np.clip(values, 0.0, 255.0, out=values)
+    return values
 
 
 def to_gray(window: NDArray[np.float32]) -> NDArray[np.float32]:

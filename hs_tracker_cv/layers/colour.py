@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 __all__ = ["bin_count", "blend", "histogram", "likelihood"]
 
-_TAPS = (np.float32(0.15), np.float32(0.7))
+_BLUR = {n: (0.7 * np.eye(n) + 0.15 * (np.eye(n, k=1) + np.eye(n, k=-1))).astype(np.float32) for n in (8, 32)}
+"""Smoothing along an axis of n bins, as a matrix: one product per axis."""
 
 
 def bin_count(channels: int) -> int:
@@ -17,16 +18,13 @@ def bin_count(channels: int) -> int:
 
 def histogram(counts: NDArray[np.float32]) -> NDArray[np.float32]:
     """Counts per bin, smoothed along each colour axis and normalised."""
-    cube = counts.reshape(8, 8, 8) if counts.size == 512 else counts
-    side, centre = _TAPS
-    for axis in range(cube.ndim):
-        along = np.moveaxis(cube, axis, 0)
-        smooth = centre * along
-        smooth[1:] += side * along[:-1]
-        smooth[:-1] += side * along[1:]
-        cube = np.moveaxis(smooth, 0, axis)
-    flat = np.ascontiguousarray(cube, dtype=np.float32).ravel()
-    return np.asarray(flat / max(float(flat.sum()), 1.0), dtype=np.float32)
+    if counts.size == 512:
+        blur = _BLUR[8]
+        cube = (blur @ counts.reshape(8, 64)).reshape(8, 8, 8)
+        smooth = (np.matmul(blur, cube).reshape(64, 8) @ blur).ravel()
+    else:
+        smooth = _BLUR[32] @ counts
+    return np.asarray(smooth / max(float(smooth.sum()), 1.0), dtype=np.float32)
 
 
 def blend(colours: NDArray[np.float32], tally: NDArray[np.float32], rate: float) -> NDArray[np.float32]:

@@ -215,7 +215,7 @@ def _solver(levels: int, params: LayersParams) -> Any:
     key = (levels, params.smoothness, params.warps)
     if key not in cache:
         cache[key] = HornSchunck(
-            "fast", smoothness=params.smoothness, levels=levels, warps=params.warps, ratio=0.5, iterations=5
+            "fast", smoothness=params.smoothness, levels=levels, warps=params.warps, ratio=0.5, iterations=5, gain=1.0
         )
     return cache[key]
 

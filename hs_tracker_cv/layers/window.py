@@ -55,9 +55,8 @@ def grab(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int
     ndarray, shape (h, w, C), float32
     """
     h, w = size[0] + 2 * _RING, size[1] + 2 * _RING
-    pixels = crop(frame, (origin[0] - _RING) * step, (origin[1] - _RING) * step, w * step, h * step)
-    if step > 1:
-        pixels = np.asarray(cv2.resize(pixels, (w, h), interpolation=cv2.INTER_AREA), dtype=np.float32)
+    left, top = (origin[0] - _RING) * step, (origin[1] - _RING) * step
+    pixels = crop(frame, left, top, w * step, h * step, step=step)
     smooth = cv2.GaussianBlur(pixels, (5, 5), 0.7)[_RING:-_RING, _RING:-_RING]
     return np.ascontiguousarray(smooth, dtype=np.float32).reshape(size[0], size[1], -1)
 
