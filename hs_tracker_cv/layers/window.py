@@ -1,0 +1,109 @@
+"""The window round the object: cutting it out of a frame, moving what is remembered into the next one."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames import Frame, crop, to_gray
+from .state import Image, LayersState, Plane
+
+__all__ = ["View", "grab", "lattice_step", "look", "place_window", "shifted"]
+
+_RING = 2  # px more on each side, so that the prefilter's border lies outside the window
+_SIZES = 4  # windows are so many px high and wide, times a whole number: flow is planned once per size
+
+
+class View(NamedTuple):
+    """The window of this frame: image, its gray version, that of the last frame, and its part inside the frame."""
+
+    image: Image
+    gray: Plane
+    previous: Plane
+    inside: NDArray[np.int64]
+
+
+def look(state: LayersState, frame: Frame) -> View:
+    """Cut this frame's window."""
+    h, w = state.odds.shape
+    image = grab(frame, state.origin, (h, w), state.step)
+    inside = _inside_rectangle(frame, state.origin, (h, w), state.step)
+    return View(image, to_gray(image), to_gray(state.previous), inside)
+
+
+def lattice_step(longest: float, working_size: int) -> int:
+    """Frame px per lattice px for an object of that longest side."""
+    return max(1, int(np.ceil(longest / working_size)))
+
+
+def grab(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> Image:
+    """Window of a frame on the lattice: block means of `step` × `step` px, then a 5 × 5 Gaussian of σ 0.7.
+
+    Parameters
+    ----------
+    frame : Frame
+    origin : tuple of int
+        Top-left (x, y), lattice px.
+    size : tuple of int
+        Height and width, lattice px.
+    step : int
+
+    Returns
+    -------
+    ndarray, shape (h, w, C), float32
+    """
+    h, w = size[0] + 2 * _RING, size[1] + 2 * _RING
+    left, top = (origin[0] - _RING) * step, (origin[1] - _RING) * step
+    pixels = crop(frame, left, top, w * step, h * step, step=step)
+    smooth = cv2.GaussianBlur(pixels, (5, 5), 0.7)[_RING:-_RING, _RING:-_RING]
+    return np.ascontiguousarray(smooth, dtype=np.float32).reshape(size[0], size[1], -1)
+
+
+def _inside_rectangle(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> NDArray[np.int64]:
+    """(x0, y0, x1, y1) of the part of the window inside the frame, window px, end exclusive."""
+    right = int(frame.width / step + 0.5) - origin[0]
+    bottom = int(frame.height / step + 0.5) - origin[1]
+    corners = (max(0, -origin[0]), max(0, -origin[1]), min(size[1], right), min(size[0], bottom))
+    return np.array(corners, dtype=np.int64)
+
+
+def place_window(
+    box: tuple[float, float, float, float], velocity: tuple[float, float], margin: float, extent: tuple[float, float]
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Window for the next frame: the box, the box moved on, and a margin; kept within reach of the frame.
+
+    Parameters
+    ----------
+    box, velocity, margin
+        Lattice px.
+    extent : tuple of float
+        Width and height of the frame, lattice px.
+
+    Returns
+    -------
+    origin, size : (x, y), (h, w)
+    """
+    spans = []
+    for start, length, speed, limit in zip(box[:2], box[2:], velocity, extent, strict=True):
+        low = np.floor(start + min(speed, 0.0) - margin)
+        high = np.ceil(start + length + max(speed, 0.0) + margin)
+        low, high = max(low, -12.0), min(high, np.ceil(limit) + 12.0)
+        if high - low < 24.0:  # the object has left: keep looking at the nearest edge
+            low, high = (low, low + 24.0) if start < limit / 2 else (high - 24.0, high)
+        spans.append((int(low), -(int(low - high) // _SIZES) * _SIZES))
+    (x, w), (y, h) = spans
+    return (x, y), (h, w)
+
+
+def shifted(array: NDArray[Any], dx: int, dy: int, size: tuple[int, int], fill: float) -> NDArray[Any]:
+    """Copy an array into a window whose pixel (i, j) is the array's (i + dx, j + dy); `fill` where it has none."""
+    h, w = size
+    out = np.full((h, w, *array.shape[2:]), fill, dtype=array.dtype)
+    x0, x1 = max(dx, 0), min(dx + w, array.shape[1])
+    y0, y1 = max(dy, 0), min(dy + h, array.shape[0])
+    if x1 > x0 and y1 > y0:
+        out[y0 - dy : y1 - dy, x0 - dx : x1 - dx] = array[y0:y1, x0:x1]
+    return out
