@@ -8,29 +8,33 @@ import cv2
 import numpy as np
 import pytest
 
-from hs_tracker_cv.flow import kernels, multigrid, pyramid, reference
+from hs_tracker_cv.flow import derivatives, kernels, multigrid, pyramid, reference
 from hs_tracker_cv.flow.params import FlowParams
-from hs_tracker_cv.flow.program import ProgramWriter
+from hs_tracker_cv.flow.program import ProgramWriter, area, origin, spare, stride
 
-H, W = 7, 9
-SIZE = (H + 4) * (W + 4)
+H, W = 7, 21
 SHAPE = (H, W)
+SIZE = area(SHAPE)
 
 
-def memory(planes, seed=0):
-    """Workspace of random planes, and the index of each plane's first element."""
-    m = np.random.default_rng(seed).uniform(0, 255, planes * SIZE).astype(np.float32)
-    return m, [i * SIZE for i in range(planes)]
+def memory(planes, seed=0, shape=SHAPE):
+    """Workspace of random planes, and the index of each plane's first pixel."""
+    size = planes * area(shape) + spare(shape)
+    m = np.random.default_rng(seed).uniform(0, 255, size).astype(np.float32)
+    return m, [i * area(shape) + origin(shape) for i in range(planes)]
 
 
-def inside(m, plane):
-    """Pixels of a plane, without its ring, as a view."""
-    return m[plane : plane + SIZE].reshape(H + 4, W + 4)[2:-2, 2:-2]
+def inside(m, plane, ring=0, shape=SHAPE):
+    """Pixels of a plane, and those of its ring so deep, as a view."""
+    rows, columns = (n + 2 * ring for n in shape)
+    step = stride(shape[1])
+    first = plane - ring * (step + 1)
+    return np.lib.stride_tricks.as_strided(m[first:], (rows, columns), (4 * step, 4))
 
 
-def padded(image):
-    """The image with its border repeated twice, as a flat plane."""
-    return np.pad(image, 2, mode="edge").ravel()
+def pad(m, plane):
+    """Repeat the border of a plane in its ring, in NumPy."""
+    inside(m, plane, 2)[...] = np.pad(inside(m, plane).copy(), 2, mode="edge")
 
 
 def run(m, code, size, *numbers, **options):
@@ -45,30 +49,39 @@ def run(m, code, size, *numbers, **options):
 def test_pad_repeats_the_border(depth):
     """The ring holds the nearest pixel, as deep as asked for, and is left alone beyond."""
     m, (a,) = memory(1)
-    expected = m.copy().reshape(H + 4, W + 4)
-    ring = slice(2 - depth, depth - 2 or None)
-    expected[ring, ring] = np.pad(inside(m, a).copy(), depth, mode="edge")
+    expected = m.copy()
+    inside(expected, a, depth)[...] = np.pad(inside(m, a).copy(), depth, mode="edge")
     run(m, kernels.PAD, SHAPE, 0, a, rings=1, depth=depth)
-    np.testing.assert_array_equal(m.reshape(expected.shape), expected)
+    np.testing.assert_array_equal(m, expected)
 
 
 def test_rings_of_zeros_of_several_planes():
     """The rings of planes a distance apart are filled with zeros."""
     m, planes = memory(3)
-    expected = [np.pad(inside(m, plane).copy(), 2) for plane in planes]
+    expected = m.copy()
+    for plane in planes:
+        inside(expected, plane, 2)[...] = np.pad(inside(m, plane).copy(), 2)
     run(m, kernels.PAD, SHAPE, 0, planes[0], 0, SIZE, rings=3, depth=2, zero=True)
-    np.testing.assert_array_equal(m.reshape(3, H + 4, W + 4), expected)
+    np.testing.assert_array_equal(m, expected)
 
 
-def test_cube_source_equals_the_reference():
-    """The kernel's Python source, not compiled, gives the paper's derivatives."""
-    m, planes = memory(5)
-    a, b, *slopes = planes
-    for plane in (a, b):
-        m[plane : plane + SIZE] = padded(inside(m, plane).copy())
-    kernels.cube.py_func(m, *np.array([a, b, slopes[0], SIZE, *SHAPE], np.uint64))
-    for plane, expected in zip(slopes, reference.derivatives(inside(m, a), inside(m, b)), strict=True):
-        np.testing.assert_allclose(inside(m, plane), expected, atol=1e-3)
+@pytest.mark.parametrize("width", [1, 2, 15, 16, 17, 31, 32, 33, 48])
+def test_no_element_outside_of_the_rows_is_written(width):
+    """A formula writes the pixels of its plane and nothing else, whatever part of a block its rows end with."""
+    shape = (3, width)
+    m, (a, b) = memory(2, shape=shape)
+    expected = m.copy()
+    inside(expected, b, shape=shape)[...] += 2 * inside(m, a, shape=shape)
+    run(m, kernels.ADD, shape, a, b, factors=(2.0,))
+    np.testing.assert_allclose(m, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("width", [1, 15, 16, 17, 40])
+def test_cube_equals_the_reference(width):
+    """The cube's formula gives the paper's derivatives."""
+    frame0, frame1 = np.random.default_rng(2).uniform(2, 255, (2, 6, width)).astype(np.float32)
+    for ours, expected in zip(derivatives(frame0, frame1), reference.derivatives(frame0, frame1), strict=True):
+        np.testing.assert_allclose(ours, expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("size", [3, 5])
@@ -113,16 +126,30 @@ def test_exchanges_sort(n):
         assert row == sorted(values)
 
 
+def test_median_candidates_and_exchanges_suffice():
+    """The median of 5 × 5 is found whatever the order of the values in columns and ranks that are sorted.
+
+    By the 0–1 principle it is enough that zeros and ones come out right. With columns sorted, then ranks, the number
+    of ones does not fall from rank to rank, and within a rank ones come last.
+    """
+    for ones in itertools.combinations_with_replacement(range(6), 5):
+        values = [int(column >= 5 - ones[rank]) for rank, column in kernels.MEDIAN_CANDIDATES]
+        for i, j in kernels.MEDIAN_EXCHANGES:
+            values[i], values[j] = min(values[i], values[j]), max(values[i], values[j])
+        assert values[6] == int(sum(ones) >= 13)
+
+
 def test_warp_is_keys_interpolation():
     """Bicubic samples are exact for a quadratic, at whole pixels are the pixel, outside are masked."""
-    m, (b, u, v, warped, mask) = memory(5)
+    m, (b, u, v, warped, mask, row, *_) = memory(9)
     y, x = np.mgrid[:H, :W].astype(np.float32)
     quadratic = 3 + x * x - 2 * y * y + x * y
-    m[:SIZE] = padded(quadratic)
+    inside(m, b)[...] = quadratic
+    pad(m, b)
     inside(m, u)[:], inside(m, v)[:] = 0.0, 0.0
     inside(m, u)[3, 4], inside(m, v)[3, 4] = 0.3, -0.6
     inside(m, u)[0, 0] = -0.1
-    run(m, kernels.WARP, SHAPE, b, warped, u, SIZE, mask)
+    run(m, kernels.WARP, SHAPE, b, warped, u, SIZE, mask, row)
     expected = quadratic.copy()
     expected[3, 4] = 3 + 4.3**2 - 2 * 2.4**2 + 4.3 * 2.4
     np.testing.assert_allclose(inside(m, warped), expected, rtol=1e-5)
@@ -132,26 +159,27 @@ def test_warp_is_keys_interpolation():
 
 def test_restriction_sums_and_prolongation_keeps_constants():
     """Restriction gives the sum over 2 × 2 pixels; prolongation of a constant is that constant."""
-    ones = np.ones(4 * 144, np.float32)
-    ones[144:] = 0.0
-    run(ones, kernels.RESTRICT, (4, 4), 0, 144, e=8)
-    coarse = ones[144 : 144 + 64].reshape(8, 8)
-    np.testing.assert_array_equal(coarse[2:-2, 2:-2], 4.0)
-    coarse[1:-1, 1:-1] = 4.0
-    run(ones, kernels.PROLONG, (8, 8), 144, 288, 432, e=4)
-    np.testing.assert_allclose(ones[288 : 288 + 144].reshape(12, 12)[2:-2, 2:-2], 4.0)
+    fine, coarse = SHAPE, ((H + 1) // 2, (W + 1) // 2)
+    m, (a, b, c) = memory(3)
+    inside(m, a, 1)[...] = np.pad(np.ones(fine), 1)
+    inside(m, c)[...] = 0.0
+    expected = np.pad(np.ones(fine), ((0, 1), (0, 1))).reshape(coarse[0], 2, coarse[1], 2).sum(axis=(1, 3))
+    run(m, kernels.RESTRICT, coarse, a, b, e=W)
+    np.testing.assert_array_equal(inside(m, b, shape=coarse), expected)
+    inside(m, b, 1, shape=coarse)[...] = 4.0
+    run(m, kernels.PROLONG, fine, b, c, e=coarse[1])
+    np.testing.assert_allclose(inside(m, c), 4.0)
 
 
 def test_coarse_system_is_the_sum_of_products():
     """PROJECT sums the products of the derivatives over 2 × 2 pixels; what is missing counts as zero."""
-    m, (f, *_) = memory(3)
-    run(m, kernels.PAD, SHAPE, 0, f, 0, SIZE, rings=3, zero=True)
-    fx, fy, ft = (np.pad(inside(m, i * SIZE), ((0, 1), (0, 1))) for i in range(3))
-    coarse = (H // 2 + 1 + 4) * (W // 2 + 1 + 4)
-    m = np.concatenate((m, np.zeros(5 * coarse, np.float32)))
-    run(m, kernels.PROJECT, (H // 2 + 1, W // 2 + 1), f, 3 * SIZE, 0, SIZE, W, factors=(0.5,))
+    m, (*f, b, _, _, _, _) = memory(8)
+    run(m, kernels.PAD, SHAPE, 0, f[0], 0, SIZE, rings=3, zero=True)
+    fx, fy, ft = (np.pad(inside(m, plane), ((0, 1), (0, 1))) for plane in f)
+    coarse = (H // 2 + 1, W // 2 + 1)
+    run(m, kernels.PROJECT, coarse, f[0], b, 0, SIZE, W, area(coarse), factors=(0.5,))
     for i, product in enumerate((fx * fx, fx * fy, fy * fy, -ft * fx, -ft * fy)):
-        plane = m[3 * SIZE + i * coarse :][:coarse].reshape(H // 2 + 5, W // 2 + 5)[2:-2, 2:-2]
+        plane = inside(m, b + i * area(coarse), shape=coarse)
         expected = 0.5 * (product[::2, ::2] + product[1::2, ::2] + product[::2, 1::2] + product[1::2, 1::2])
         np.testing.assert_allclose(plane, expected, rtol=1e-5)
 

@@ -213,9 +213,11 @@ class HornSchunck:
         return out
 
     def _reserve(self, size: int) -> NDArray[np.float32]:
-        """Memory of at least `size` floats, kept; it only grows."""
+        """Memory of at least `size` floats that begins at a line of the cache, kept; it only grows."""
         if self._memory.size < size:
-            self._memory = np.zeros(size, np.float32)
+            room = np.zeros(size + 16, np.float32)
+            first = -(room.ctypes.data // 4) % 16
+            self._memory = room[first : first + size]
         return self._memory
 
     def __getstate__(self) -> dict[str, Any]:

@@ -4,12 +4,14 @@ A program is made once per frame size, in Python (:mod:`.program`), and run at e
 function with one signature for all modes: each loop is compiled once, the order of the loops costs nothing to
 compile, and one cached file serves everything.
 
-All planes live in one flat float32 array, the workspace `m`, and a plane is named by the index of its first element:
-cutting array views would cost more to compile than all the arithmetic, and time at every call. A plane holds h × w
-pixels with a ring of two pixels round them: pixel (y, x) is element (y + 2) (w + 4) + x + 2. The ring, filled by
-:func:`pad`, lets each loop run without a branch at the border. Indices are unsigned, since Numba then leaves out
-Python's wrap-around of negative ones, which keeps loops from being vectorised; so every constant that meets an index
-is a uint64 as well.
+All planes live in one flat float32 array, the workspace `m`, and a plane is named by the index of its first pixel:
+cutting array views would cost more to compile than all the arithmetic, and time at every call. Pixel (y, x) of plane
+`a`, h × w, is element a + y s + x, where s, the stride, is `w` and room for at least 16 elements more: two pixels
+round the plane are its ring, which :func:`pad` fills, and let each loop run without a branch at the border; the rest
+makes rows begin at multiples of 16 elements, where the processor reads fastest. Indices are unsigned, since Numba
+then leaves out Python's wrap-around of negative ones; so every constant that meets an index is a uint64 as well.
+
+What is computed at each pixel is written as a :func:`.formulas.formula`, which is made into vector code.
 
 Symbols are those of Horn & Schunck (1981, doi:10.1016/0004-3702(81)90024-2): derivatives F_x, F_y, F_t, flow (u, v).
 Planes that belong together (u and v; F_x, F_y and F_t) are `d` elements apart.
@@ -19,16 +21,12 @@ Planes that belong together (u and v; F_x, F_y and F_t) are `d` elements apart.
 # mypy: allow-untyped-defs, no-check-untyped-defs, allow-untyped-calls
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
-from numba.np.arrayobj import make_array
 
-from ..compiling import kernel, larger, part, smaller
+from ..compiling import kernel, part
+from .formulas import Around, Columns, Index, Lanes, Pixels, PixelsOfTwo, formula, interpolate_fours
 
 __all__ = ["COLUMNS", "FACTORS", "run"]
 
@@ -37,7 +35,7 @@ ONE = np.uint64(1)
 TWO = np.uint64(2)
 THREE = np.uint64(3)
 FOUR = np.uint64(4)
-FIVE = np.uint64(5)
+MARGIN = np.uint64(16)
 
 (
     LOAD,
@@ -66,324 +64,303 @@ COLUMNS = 12
 FACTORS = 5
 """Float columns of a program, see :func:`run`."""
 
-FAST = {"contract", "nsz"}  # reassociation would break "identical frames give exactly zero"
 # What has one call site becomes part of its caller before anything is compiled: each function that is compiled on
 # its own goes through LLVM twice, alone and in its caller.
-_inner = part(fastmath=FAST, inline="always")
-_summing = part(fastmath=FAST | {"reassoc"})
+_inner = part(inline="always")
+
+
+@formula
+def copy(a: Pixels, b: Pixels, factor: Lanes) -> None:
+    """Write plane `a` times `factor` to plane `b`."""
+    b[0] = a[0] * factor
 
 
 @_inner
-def pad(m, a, depth, keep, h, w):
+def pad(m, a, depth, keep, h, w, s):
     """Fill the ring of plane `a`, `depth` pixels deep, with the border pixels (`keep` 1) or with zeros (`keep` 0)."""
-    s = w + FOUR
-    for r in range(depth):
-        left = a + ONE - r
-        right = a + w + TWO + r
-        for y in range(TWO - r, h + TWO + r):
-            m[left + y * s] = keep * m[left + y * s + ONE]
-            m[right + y * s] = keep * m[right + y * s - ONE]
-        top = a + (ONE - r) * s
-        bottom = a + (h + TWO + r) * s
-        for x in range(ONE - r, w + THREE + r):
-            m[top + x] = keep * m[top + s + x]
-            m[bottom + x] = keep * m[bottom - s + x]
+    for y in range(h):
+        left = a + y * s
+        right = left + w - ONE
+        first = keep * m[left]
+        last = keep * m[right]
+        m[left - ONE] = first
+        m[right + ONE] = last
+        if depth == TWO:
+            m[left - TWO] = first
+            m[right + TWO] = last
+    top = a - depth
+    bottom = top + (h - ONE) * s
+    # first the rows next to the border: each of two has the border below or above it
+    for _ in range(depth):
+        copy(m, ONE, w + depth + depth, s, top, top - s, keep)
+        copy(m, ONE, w + depth + depth, s, bottom, bottom + s, keep)
+        top -= s
+        bottom += s
 
 
 @_inner
-def load(m, image, channel, a):
+def load(m, image, channel, a, s):
     """Copy one channel of an (h, w, channels) image into plane `a`; what is not finite becomes 0."""
-    h = np.uint64(image.shape[0])
-    w = np.uint64(image.shape[1])
     limit = np.float32(1e30)
-    for y in range(h):
-        row = a + (y + TWO) * (w + FOUR) + TWO
-        for x in range(w):
+    for y in range(np.uint64(image.shape[0])):
+        row = a + y * s
+        for x in range(np.uint64(image.shape[1])):
             value = image[y, x, channel]
             m[row + x] = value if abs(value) < limit else np.float32(0.0)
 
 
 @_inner
-def store(m, a, image, channel):
+def store(m, a, image, channel, s):
     """Copy plane `a` into one channel of an (h, w, channels) image."""
-    h = np.uint64(image.shape[0])
-    w = np.uint64(image.shape[1])
-    for y in range(h):
-        row = a + (y + TWO) * (w + FOUR) + TWO
-        for x in range(w):
+    for y in range(np.uint64(image.shape[0])):
+        row = a + y * s
+        for x in range(np.uint64(image.shape[1])):
             image[y, x, channel] = m[row + x]
 
 
-@_inner
-def fill(m, a, value, count):
-    """Set `count` elements."""
-    for k in range(a, a + count):
-        m[k] = value
+@formula
+def fill(a: Pixels, value: Lanes) -> None:
+    """Set all pixels to a value."""
+    a[0] = value
 
 
-@_inner
-def add(m, b, a, factor, h, w):
-    """Add `factor` times plane `a` to plane `b`, rings and all."""
-    d = a - b
-    for k in range(b, b + (h + FOUR) * (w + FOUR)):
-        m[k] += factor * m[k + d]
+@formula
+def add(b: Pixels, a: Pixels, factor: Lanes) -> None:
+    """Add `factor` times plane `a` to plane `b`."""
+    b[0] = b[0] + factor * a[0]
 
 
-@_inner
-def cube(m, a, b, f, d, h, w):
+@formula
+def cube(a: Pixels, b: Pixels, f: Pixels, d: Index, s: Index) -> None:
     """Average four first differences over the 2 × 2 × 2 cube (step 3 of the paper)."""
-    quarter = np.float32(0.25)
-    s = w + FOUR
-    for y in range(TWO, h + TWO):
-        for k in range(y * s + TWO, y * s + w + TWO):
-            p = a + k
-            q = b + k
-            # sums of both frames over the four diagonals of the cube, and the differences of the frames
-            a00 = m[p]
-            a01 = m[p + ONE]
-            a10 = m[p + s]
-            a11 = m[p + s + ONE]
-            b00 = m[q]
-            b01 = m[q + ONE]
-            b10 = m[q + s]
-            b11 = m[q + s + ONE]
-            o = f + k
-            m[o] = quarter * (((a01 - a00) + (a11 - a10)) + ((b01 - b00) + (b11 - b10)))
-            m[o + d] = quarter * (((a10 - a00) + (a11 - a01)) + ((b10 - b00) + (b11 - b01)))
-            m[o + d + d] = quarter * (((b00 - a00) + (b01 - a01)) + ((b10 - a10) + (b11 - a11)))
+    a00, a01, a10, a11 = a[0], a[1], a[s], a[s + 1]
+    b00, b01, b10, b11 = b[0], b[1], b[s], b[s + 1]
+    f[0] = 0.25 * (((a01 - a00) + (a11 - a10)) + ((b01 - b00) + (b11 - b10)))
+    f[d] = 0.25 * (((a10 - a00) + (a11 - a01)) + ((b10 - b00) + (b11 - b01)))
+    f[2 * d] = 0.25 * (((b00 - a00) + (b01 - a01)) + ((b10 - a10) + (b11 - a11)))
 
 
-@_inner
-def five_tap(m, a, b, f, d, h, w):
+@formula
+def five_tap(a: Pixels, b: Pixels, f: Pixels, d: Index, s: Index) -> None:
     """Take the central differences of Barron, Fleet & Beauchemin (1994) on the mean of both frames; F_t = b − a."""
-    near = np.float32(8.0 / 24.0)
-    far = np.float32(1.0 / 24.0)
-    s = w + FOUR
-    for y in range(TWO, h + TWO):
-        for k in range(y * s + TWO, y * s + w + TWO):
-            p = a + k
-            q = b + k
-            o = f + k
-            m[o] = near * ((m[p + ONE] - m[p - ONE]) + (m[q + ONE] - m[q - ONE])) - far * (
-                (m[p + TWO] - m[p - TWO]) + (m[q + TWO] - m[q - TWO])
-            )
-            m[o + d] = near * ((m[p + s] - m[p - s]) + (m[q + s] - m[q - s])) - far * (
-                (m[p + s + s] - m[p - s - s]) + (m[q + s + s] - m[q - s - s])
-            )
-            m[o + d + d] = m[q] - m[p]
+
+    def difference(step):
+        return (a[step] - a[-step]) + (b[step] - b[-step])
+
+    f[0] = 8.0 / 24.0 * difference(1) - 1.0 / 24.0 * difference(2)
+    f[d] = 8.0 / 24.0 * difference(s) - 1.0 / 24.0 * difference(2 * s)
+    f[2 * d] = b[0] - a[0]
 
 
-@_inner
-def normalise(m, f, d, mask, u, lam, outlier, h, w):
+@formula
+def normalise(f: Pixels, mask: Pixels, u: Pixels, d: Index, lam: Lanes, outlier: Lanes) -> None:
     """Turn derivatives `f` into the sweep's coefficients g = √m F / √(λ² + m (F_x² + F_y²)), in place.
 
     The data term is linearised about (u, v), so that the sweep solves for the whole flow. Its weight is
     m = mask / (1 + `outlier` F_t²): pixels that the flow so far does not explain count less (Lorentzian weights).
     """
-    lam2 = lam * lam
-    s = w + FOUR
-    for y in range(TWO, h + TWO):
-        for k in range(y * s + TWO, y * s + w + TWO):
-            i = f + k
-            x_slope = m[i]
-            y_slope = m[i + d]
-            change = m[i + d + d]
-            weight = m[mask + k] / (np.float32(1.0) + outlier * change * change)
-            scale = np.sqrt(weight / (lam2 + weight * (x_slope * x_slope + y_slope * y_slope)))
-            m[i] = x_slope * scale
-            m[i + d] = y_slope * scale
-            m[i + d + d] = (change - x_slope * m[u + k] - y_slope * m[u + d + k]) * scale
+    fx, fy, ft = f[0], f[d], f[2 * d]
+    weight = mask[0] / (1.0 + outlier * ft * ft)
+    scale = (weight / (lam * lam + weight * (fx * fx + fy * fy))).sqrt()
+    f[0] = fx * scale
+    f[d] = fy * scale
+    f[2 * d] = (ft - fx * u[0] - fy * u[d]) * scale
 
 
-@_summing
-def scale(m, f, g, d, lam, h, w):
+@formula
+def scale(f: Pixels, g: Pixels, d: Index, lam: Lanes) -> Lanes:
     """Turn derivatives `f` into g = F / √(λ² + F_x² + F_y²), elsewhere.
 
-    Returns the square sum of the right-hand side F_t ∇F / λ².
+    The sum is that of the squared right-hand side F_t ∇F.
     """
-    lam2 = lam * lam
-    s = w + FOUR
-    total = 0.0
-    for y in range(TWO, h + TWO):
-        partial = np.float32(0.0)
-        for k in range(y * s + TWO, y * s + w + TWO):
-            i = f + k
-            x_slope = m[i]
-            y_slope = m[i + d]
-            change = m[i + d + d]
-            square = x_slope * x_slope + y_slope * y_slope
-            factor = np.float32(1.0) / np.sqrt(lam2 + square)
-            o = g + k
-            m[o] = x_slope * factor
-            m[o + d] = y_slope * factor
-            m[o + d + d] = change * factor
-            partial += square * change * change
-        total += partial
-    return total / (np.float64(lam2) * lam2)
+    fx, fy, ft = f[0], f[d], f[2 * d]
+    square = fx * fx + fy * fy
+    factor = 1.0 / (lam * lam + square).sqrt()
+    g[0] = fx * factor
+    g[d] = fy * factor
+    g[2 * d] = ft * factor
+    return square * ft * ft
 
 
-@part(fastmath=FAST)
-def average(m, p, s):
-    """Mean of the eight neighbours of element p, 1/6 the sides and 1/12 the corners (step 4 of the paper)."""
-    n = p - s
-    o = p + s
-    return np.float32(1.0 / 6.0) * ((m[n] + m[o]) + (m[p - ONE] + m[p + ONE])) + np.float32(1.0 / 12.0) * (
-        (m[n - ONE] + m[n + ONE]) + (m[o - ONE] + m[o + ONE])
-    )
+def columns(u: Pixels, d: Index, s: Index) -> list[Lanes]:
+    """Parts of the average of u and of v that come from one column of three pixels.
+
+    The average weighs the neighbours beside, above and below 1/6 and those at the corners 1/12 (step 4 of the paper).
+    Returns for u, then for v, what a column gives to the pixel in it and what it gives to those left and right of it.
+    """
+    parts = []
+    for i in (0 * d, d):
+        outer = u[i - s] + u[i + s]
+        parts += [1.0 / 6.0 * outer, 1.0 / 12.0 * outer + 1.0 / 6.0 * u[i]]
+    return parts
 
 
-@_inner
-def sweep(m, u, un, g, d, c_old, c_here, c_jacobi, h, w):
-    """Do one sweep of the paper: new = c_old · new + c_here · (u, v) + c_jacobi · Jacobi(u, v)."""
-    s = w + FOUR
-    for y in range(TWO, h + TWO):
-        for k in range(y * s + TWO, y * s + w + TWO):
-            p = u + k
-            q = p + d
-            i = g + k
-            o = un + k
-            ub = average(m, p, s)
-            vb = average(m, q, s)
-            t = m[i] * ub + m[i + d] * vb + m[i + d + d]
-            m[o] = c_old * m[o] + c_here * m[p] + c_jacobi * (ub - m[i] * t)
-            m[o + d] = c_old * m[o + d] + c_here * m[q] + c_jacobi * (vb - m[i + d] * t)
+def averages(around: Around) -> list[Lanes]:
+    """ū and v̄ from :func:`columns`."""
+    return [around.at(i, 0) + (around.at(i + 1, -1) + around.at(i + 1, 1)) for i in (0, 2)]
+
+
+@formula(shared=columns)
+def sweep(
+    around: Around,
+    u: Pixels,
+    new: Pixels,
+    g: Pixels,
+    d: Index,
+    s: Index,
+    c_new: Lanes,
+    c_here: Lanes,
+    c_jacobi: Lanes,
+) -> None:
+    """Do one sweep of the paper: new = c_new · new + c_here · (u, v) + c_jacobi · Jacobi(u, v)."""
+    ub, vb = averages(around)
+    gx, gy = g[0], g[d]
+    t = gx * ub + (gy * vb + g[2 * d])
+    new[0] = c_new * new[0] + c_here * u[0] + c_jacobi * (ub - gx * t)
+    new[d] = c_new * new[d] + c_here * u[d] + c_jacobi * (vb - gy * t)
+
+
+@formula
+def blur_and_mix_rows(
+    a: Pixels, b: Pixels, s: Index, t0: Lanes, t1: Lanes, t2: Lanes, t3: Lanes, t4: Lanes, t5: Lanes
+) -> None:
+    """Weighted sum of six rows."""
+    b[0] = (t0 * a[0] + t1 * a[s] + t2 * a[2 * s]) + (t3 * a[3 * s] + t4 * a[4 * s] + t5 * a[5 * s])
+
+
+@formula
+def mix_rows(a: Pixels, b: Pixels, s: Index, f: Lanes, g: Lanes) -> None:
+    """Weighted sum of two rows."""
+    b[0] = g * a[0] + f * a[s]
+
+
+@formula
+def blur_row(a: Pixels, b: Pixels, c0: Lanes, c1: Lanes, c2: Lanes) -> None:
+    """Blur by (c2, c1, c0, c1, c2) along the row."""
+    b[0] = c0 * a[0] + c1 * (a[-1] + a[1]) + c2 * (a[-2] + a[2])
+
+
+@formula
+def positions(x: Columns, whole: Pixels, fraction: Pixels, step: Lanes) -> None:
+    """Where the pixels of a row lie, centre-aligned, in one whose pixels are `step` times smaller; 2 more."""
+    p = (x + 0.5) * step + 1.5
+    whole[0] = p.floor()
+    fraction[0] = p - p.floor()
 
 
 @_inner
 def resample(m, a, h, w, b, hb, wb, gain, c0, c1, c2, row):
     """Resize plane `a` to plane `b` (centre-aligned, bilinear), times `gain`, after a blur by (c2, c1, c0, c1, c2).
 
-    Only rows and columns that are used are blurred. `row` names room for two rows of `a`.
+    Only rows and columns that are used are blurred. `row` names room for four rows.
     """
-    s = w + FOUR
-    half = np.float32(0.5)
-    start = np.float32(1.5)  # half a pixel less than the ring
+    s = stride(w)
+    sb = stride(wb)
     step_y = np.float32(h) / np.float32(hb)
-    step_x = np.float32(w) / np.float32(wb)
-    out = row + s
+    room = s + sb
+    blurred = row + room
+    whole = blurred + room
+    fraction = whole + room
+    positions(m, ONE, wb, s, whole, fraction, np.float32(w) / np.float32(wb))
     for y in range(hb):
-        p = (np.float32(y) + half) * step_y + start
+        p = (np.float32(y) + np.float32(0.5)) * step_y + np.float32(1.5)
         i = np.uint64(np.int64(p))
         f = (p - np.float32(i)) * gain
         g = gain - f
-        k = a + i * s
+        k = a + i * s - s - s - TWO  # of ring pixel −2, in the upper one of two rows
+        out = b + y * sb
         if c1 == np.float32(0.0):
-            for x in range(s):
-                m[out + x] = g * m[k + x] + f * m[k + s + x]
+            mix_rows(m, ONE, w + FOUR, s, k, blurred - TWO, s, f, g)
         else:
-            k -= s + s
-            t0 = g * c2
-            t1 = g * c1 + f * c2
-            t2 = g * c0 + f * c1
-            t3 = g * c1 + f * c0
-            t4 = g * c2 + f * c1
-            t5 = f * c2
-            for x in range(s):
-                q = k + x
-                m[row + x] = (t0 * m[q] + t1 * m[q + s] + t2 * m[q + TWO * s]) + (
-                    t3 * m[q + THREE * s] + t4 * m[q + FOUR * s] + t5 * m[q + FIVE * s]
-                )
-            for q in range(row + TWO, row + TWO + w):
-                m[q + s] = c0 * m[q] + c1 * (m[q - ONE] + m[q + ONE]) + c2 * (m[q - TWO] + m[q + TWO])
-        k = b + (y + TWO) * (wb + FOUR) + TWO
-        for x in range(wb):
-            p = (np.float32(x) + half) * step_x + start
-            j = np.uint64(np.int64(p))
-            left = m[out + j]
-            m[k + x] = left + (p - np.float32(j)) * (m[out + j + ONE] - left)
+            blur_and_mix_rows(
+                m,
+                ONE,
+                w + FOUR,
+                s,
+                k - s - s,
+                row - TWO,
+                s,
+                g * c2,
+                g * c1 + f * c2,
+                g * c0 + f * c1,
+                g * c1 + f * c0,
+                g * c2 + f * c1,
+                f * c2,
+            )
+            blur_row(m, ONE, w, s, row, out if w == wb else blurred, c0, c1, c2)
+        if c1 == np.float32(0.0) or w != wb:
+            for x in range(wb):
+                j = blurred + np.uint64(np.int64(m[whole + x])) - TWO
+                m[out + x] = m[j] + m[fraction + x] * (m[j + ONE] - m[j])
 
 
-@intrinsic
-def bicubic_at(typing_context: Any, m: Any, k: Any, stride: Any, tx: Any, ty: Any) -> Any:
-    """Interpolate the 4 × 4 pixels whose first is element k, at the fractions (tx, ty) between the inner ones.
+@formula
+def places(
+    x: Columns,
+    u: Pixels,
+    mask: Pixels,
+    table: Pixels,
+    d: Index,
+    room: Index,
+    y: Lanes,
+    right: Lanes,
+    bottom: Lanes,
+) -> None:
+    """For a row, where (x + u, y + v) is, and the weights of Keys' bicubic interpolation (a = −1/2) there.
 
-    Keys' kernel (a = −1/2) on four-element vectors: written in scalars, it takes twice as long.
+    Rows of the table, `room` apart: y and x of the pixel to the left and above, four weights down, four across.
+    Outside of the frame take its border and mask 0.
     """
-    vector = ir.VectorType(ir.FloatType(), 4)
-    cubics = ((-0.5, 1.5, -1.5, 0.5), (1.0, -2.5, 2.0, -0.5), (-0.5, 0.0, 0.5, 0.0), (0.0, 1.0, 0.0, 0.0))
-    flags = ["contract"]
-
-    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        data = make_array(signature.args[0])(context, builder, arguments[0]).data
-        none = ir.Constant(vector, ir.Undefined)
-
-        def lanes(a: Any, *order: int) -> Any:
-            return builder.shuffle_vector(a, none, ir.Constant(ir.VectorType(ir.IntType(32), 4), order))
-
-        def multiply_add(a: Any, b: Any, c: Any) -> Any:
-            return builder.fadd(builder.fmul(a, b, flags=flags), c, flags=flags)
-
-        def weights(t: Any) -> Any:
-            t = lanes(builder.insert_element(none, t, ir.Constant(ir.IntType(32), 0)), 0, 0, 0, 0)
-            value = ir.Constant(vector, cubics[0])
-            for powers in cubics[1:]:
-                value = multiply_add(value, t, ir.Constant(vector, powers))
-            return value
-
-        down = weights(arguments[4])
-        column = ir.Constant(vector, (0.0,) * 4)
-        at = arguments[1]
-        for i in range(4):
-            pixels = builder.bitcast(cgutils.gep_inbounds(builder, data, at), vector.as_pointer())
-            column = multiply_add(builder.load(pixels, align=4), lanes(down, i, i, i, i), column)
-            at = builder.add(at, arguments[2])
-        total = builder.fmul(column, weights(arguments[3]))
-        total = builder.fadd(total, lanes(total, 2, 3, 0, 1))
-        total = builder.fadd(total, lanes(total, 1, 0, 3, 2))
-        return builder.extract_element(total, ir.Constant(ir.IntType(32), 0))
-
-    return types.float32(m, types.uint64, types.uint64, types.float32, types.float32), emit
+    px = x + u[0]
+    py = y + u[d]
+    ix = px.greatest(0.0).least(right)
+    iy = py.greatest(0.0).least(bottom)
+    mask[0] = ix.equals(px) * iy.equals(py)
+    table[0] = iy.floor()
+    table[room] = ix.floor()
+    for i, p in ((2, iy), (6, ix)):
+        t = p - p.floor()
+        table[i * room] = ((-0.5 * t + 1.0) * t - 0.5) * t
+        table[(i + 1) * room] = (1.5 * t - 2.5) * t * t + 1.0
+        table[(i + 2) * room] = ((-1.5 * t + 2.0) * t + 0.5) * t
+        table[(i + 3) * room] = (0.5 * t - 0.5) * t * t
 
 
 @_inner
-def warp(m, b, warped, u, d, mask, h, w):
-    """Sample plane `b` at (x + u, y + v), bicubic; outside the frame take its border and mask 0."""
-    zero = np.float32(0.0)
-    one = np.float32(1.0)
-    s = w + FOUR
-    right = np.float32(w - ONE)
-    bottom = np.float32(h - ONE)
+def warp(m, b, warped, u, d, mask, table, h, w, s):
+    """Sample plane `b` at (x + u, y + v), bicubic."""
+    fours = (w + THREE) >> TWO
     for y in range(h):
-        k = (y + TWO) * s + TWO
-        for x in range(w):
-            px = np.float32(x) + m[u + k + x]
-            py = np.float32(y) + m[u + d + k + x]
-            m[mask + k + x] = one if px >= zero and px <= right and py >= zero and py <= bottom else zero
-            px = smaller(larger(px, zero), right)
-            py = smaller(larger(py, zero), bottom)
-            j = np.int64(px)
-            i = np.int64(py)
-            first = b + (np.uint64(i) + ONE) * s + np.uint64(j) + ONE
-            m[warped + k + x] = bicubic_at(m, first, s, px - np.float32(j), py - np.float32(i))
+        row = y * s
+        # The table's last four may stick out of the row: what is there does not count, but must be places in memory.
+        places(
+            m,
+            ONE,
+            fours << TWO,
+            s,
+            u + row,
+            mask + row,
+            table,
+            d,
+            s,
+            np.float32(y),
+            np.float32(w - ONE),
+            np.float32(h - ONE),
+        )
+        interpolate_fours(m, fours, table, s, b - s - ONE, warped + row)
 
 
-def median_of(radius: int) -> Any:
-    """Intrinsic that reads the (2 radius + 1)² neighbours of element k and returns their median.
+def exchange(values: list[Lanes], i: int, j: int) -> None:
+    """Put the smaller of two values at i, the larger one at j."""
+    values[i], values[j] = values[i].least(values[j]), values[i].greatest(values[j])
 
-    It emits Batcher's odd-even merge sort as straight-line code; LLVM drops the exchanges that the middle element
-    does not need and vectorises the rest. Written as Python calls of min and max, it would take seconds to compile.
-    """
 
-    @intrinsic
-    def median_at(typing_context: Any, m: Any, k: Any, stride: Any) -> Any:
-        def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            data = make_array(signature.args[0])(context, builder, arguments[0]).data
-            values = []
-            for dy in range(-radius, radius + 1):
-                row = builder.add(arguments[1], builder.mul(arguments[2], ir.Constant(ir.IntType(64), dy)))
-                for dx in range(-radius, radius + 1):
-                    at = builder.add(row, ir.Constant(ir.IntType(64), dx))
-                    values.append(builder.load(cgutils.gep_inbounds(builder, data, at)))
-            for i, j in merge_sort_exchanges(len(values)):
-                low, high = values[i], values[j]
-                less = builder.fcmp_ordered("<", low, high)
-                values[i] = builder.select(less, low, high)
-                values[j] = builder.select(less, high, low)
-            return values[len(values) // 2]
-
-        return types.float32(m, types.uint64, types.uint64), emit
-
-    return median_at
+def sort(given: Iterable[Lanes]) -> list[Lanes]:
+    """Sort by Batcher's odd-even merge sort; LLVM drops the exchanges that do not matter in the end."""
+    values = list(given)
+    for i, j in merge_sort_exchanges(len(values)):
+        exchange(values, i, j)
+    return values
 
 
 def merge_sort_exchanges(n: int) -> list[tuple[int, int]]:
@@ -401,141 +378,136 @@ def merge_sort_exchanges(n: int) -> list[tuple[int, int]]:
     return pairs
 
 
-median_3x3_at = median_of(1)
-median_5x5_at = median_of(2)
+def column_of_three(a: Pixels, s: Index) -> list[Lanes]:
+    """Sorted pixels of a column."""
+    return sort(a[i * s] for i in range(-1, 2))
 
 
-@_inner
-def median_filter(m, a, b, size, h, w):
-    """Write the median of plane `a` over `size` × `size` pixels (3 or 5) to plane `b`."""
-    s = w + FOUR
-    d = b - a
-    for y in range(TWO, h + TWO):
-        row = a + y * s + TWO
-        if size == THREE:
-            for k in range(row, row + w):
-                m[k + d] = median_3x3_at(m, k, s)
-        else:
-            for k in range(row, row + w):
-                m[k + d] = median_5x5_at(m, k, s)
+def column_of_five(a: Pixels, s: Index) -> list[Lanes]:
+    """Sorted pixels of a column."""
+    return sort(a[i * s] for i in range(-2, 3))
 
 
-@_summing
-def residual(m, u, r, f, d, weight, h, w):
-    """Write the residual of the paper's system over λ² to the pair `r`; `weight` is 1 / λ². Return its square sum."""
-    s = w + FOUR
-    total = 0.0
-    for y in range(TWO, h + TWO):
-        partial = np.float32(0.0)
-        for k in range(y * s + TWO, y * s + w + TWO):
-            p = u + k
-            q = p + d
-            i = f + k
-            t = weight * (m[i] * m[p] + m[i + d] * m[q] + m[i + d + d])
-            a = (average(m, p, s) - m[p]) - m[i] * t
-            b = (average(m, q, s) - m[q]) - m[i + d] * t
-            m[r + k] = a
-            m[r + d + k] = b
-            partial += a * a + b * b
-        total += partial
-    return total
+@formula(shared=column_of_three)
+def median_3x3(around: Around, a: Pixels, b: Pixels, s: Index) -> None:
+    """Write the median of plane `a` over 3 × 3 pixels to plane `b`.
 
-
-@_inner
-def project(m, f, d, wf, weight, b, h, w):
-    """Sum `weight` · (F_x², F_x F_y, F_y², −F_t F_x, −F_t F_y) over 2 × 2 pixels into five coarse planes from `b`.
-
-    The derivatives' planes are `wf` wide; their ring must hold zeros: what is missing at odd sizes counts as zero,
-    or the system would lose its symmetry.
+    The median of nine is that of the largest of the columns' smallest, the median of their medians and the smallest
+    of their largest.
     """
-    s = wf + FOUR
-    size = (h + FOUR) * (w + FOUR)
-    for y in range(h):
-        k = f + (y + y + TWO) * s + TWO
-        row = b + (y + TWO) * (w + FOUR) + TWO
-        for x in range(w):
-            xx = xy = yy = xt = yt = np.float32(0.0)
-            for j in range(FOUR):
-                i = k + x + x + (j & ONE) + (j >> ONE) * s
-                fx = m[i]
-                fy = m[i + d]
-                ft = m[i + d + d]
-                xx += fx * fx
-                xy += fx * fy
-                yy += fy * fy
-                xt += fx * ft
-                yt += fy * ft
-            i = row + x
-            m[i] = weight * xx
-            m[i + size] = weight * xy
-            m[i + size + size] = weight * yy
-            m[i + THREE * size] = -weight * xt
-            m[i + FOUR * size] = -weight * yt
+    low, middle, high = (sort(around.at(rank, x) for x in range(-1, 2)) for rank in range(3))
+    b[0] = sort((low[2], middle[1], high[0]))[1]
 
 
-@_inner
-def restrict(m, p, wf, coarse, h, w):
-    """Sum plane `p`, `wf` wide, over 2 × 2 pixels (λ² falls by four, so the mean is multiplied by it).
+MEDIAN_CANDIDATES = (
+    *((2, 1), (0, 4), (0, 3), (3, 1), (1, 2), (4, 0), (3, 0), (2, 2), (1, 3), (2, 3), (4, 1), (1, 4), (3, 2)),
+)
+"""Ranks (within the column, then among the columns) of what may be the median of 5 × 5 values: of all others 13
+values are known to be no smaller, or no larger."""
+
+MEDIAN_EXCHANGES = (
+    *((3, 11), (0, 4), (1, 5), (2, 6), (3, 7), (8, 12), (5, 9), (1, 3)),
+    *((4, 6), (5, 7), (8, 10), (3, 5), (6, 8), (3, 6), (5, 8), (5, 6)),
+)
+"""Exchanges that bring the median to place 6 of the candidates: Batcher's less those that a search found to be
+superfluous, given the order that the candidates have already. The test goes through all orders."""
+
+
+@formula(shared=column_of_five)
+def median_5x5(around: Around, a: Pixels, b: Pixels, s: Index) -> None:
+    """Write the median of plane `a` over 5 × 5 pixels to plane `b`: columns sorted, then what has the same rank."""
+    ranks = [sort(around.at(rank, x) for x in range(-2, 3)) for rank in range(5)]
+    values = [ranks[i][j] for i, j in MEDIAN_CANDIDATES]
+    for i, j in MEDIAN_EXCHANGES:
+        exchange(values, i, j)
+    b[0] = values[6]
+
+
+@formula(shared=columns)
+def residual(around: Around, u: Pixels, r: Pixels, f: Pixels, d: Index, s: Index, weight: Lanes) -> Lanes:
+    """Write the residual of the paper's system over λ² to the pair `r`; `weight` is 1 / λ². The sum is its square."""
+    ub, vb = averages(around)
+    fx, fy, ft = f[0], f[d], f[2 * d]
+    t = weight * (fx * u[0] + fy * u[d] + ft)
+    ru = (ub - u[0]) - fx * t
+    rv = (vb - u[d]) - fy * t
+    r[0] = ru
+    r[d] = rv
+    return ru * ru + rv * rv
+
+
+@formula
+def project(f: PixelsOfTwo, b: Pixels, d: Index, s: Index, size: Index, weight: Lanes) -> None:
+    """Sum `weight` · (F_x², F_x F_y, F_y², −F_t F_x, −F_t F_y) over 2 × 2 pixels into five planes, `size` apart.
+
+    The ring of the derivatives' planes must hold zeros: what is missing at odd sizes counts as zero, or the system
+    would lose its symmetry.
+    """
+    fx, fy, ft = ([*f.pair(i), *f.pair(i + s)] for i in (0 * d, d, 2 * d))
+
+    def total(p, q):
+        return weight * (p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3])
+
+    b[0] = total(fx, fx)
+    b[size] = total(fx, fy)
+    b[2 * size] = total(fy, fy)
+    b[3 * size] = 0.0 - total(fx, ft)
+    b[4 * size] = 0.0 - total(fy, ft)
+
+
+@formula
+def restrict(p: PixelsOfTwo, b: Pixels, s: Index) -> None:
+    """Sum plane `p` over 2 × 2 pixels (λ² falls by four, so the mean is multiplied by it).
 
     The ring of `p` must hold zeros, see :func:`project`.
     """
-    s = wf + FOUR
-    for y in range(h):
-        k = p + (y + y + TWO) * s + TWO
-        row = coarse + (y + TWO) * (w + FOUR) + TWO
-        for x in range(w):
-            i = k + x + x
-            m[row + x] = (m[i] + m[i + ONE]) + (m[i + s] + m[i + s + ONE])
+    (p00, p01), (p10, p11) = p.pair(0), p.pair(s)
+    b[0] = (p00 + p01) + (p10 + p11)
 
 
-@_inner
-def prolong(m, coarse, wc, p, h, w, row):
-    """Add to plane `p` the bilinear interpolation of a coarse plane `wc` wide: weights (9, 3, 3, 1) / 16.
+@formula
+def prolong(near: Pixels, far: Pixels, fine: PixelsOfTwo, fine_width: Index) -> None:
+    """Add to a fine row the bilinear interpolation of the nearest two coarse rows: weights (9, 3, 3, 1) / 16."""
+    left, here, right = (0.75 * near[x] + 0.25 * far[x] for x in (-1, 0, 1))
+    fine.add(0.75 * here + 0.25 * left, 0.75 * here + 0.25 * right, fine_width)
 
-    `row` names room for one row of the coarse plane.
+
+def coarse_system(around: Around, j: Pixels, d: Index) -> tuple[list[Lanes], list[Lanes]]:
+    """(1 + jxx, jxy, 1 + jyy) and (b_u + ū, b_v + v̄)."""
+    ub, vb = averages(around)
+    return [1.0 + j[0], j[d], 1.0 + j[2 * d]], [j[3 * d] + ub, j[4 * d] + vb]
+
+
+@formula(shared=columns)
+def coarse_sweep(around: Around, u: Pixels, new: Pixels, j: Pixels, d: Index, s: Index) -> None:
+    """Do a Jacobi sweep on a coarse grid, of u − ū + J u = b.
+
+    J = (jxx, jxy, jyy) and b = (b_u, b_v) are five planes from `j`.
     """
-    s = w + FOUR
-    sc = wc + FOUR
-    near = np.float32(0.75)
-    far = np.float32(0.25)
-    for y in range(h):
-        centre = coarse + ((y >> ONE) + TWO) * sc
-        other = centre + sc if y & ONE == ONE else centre - sc
-        for x in range(ONE, wc + THREE):
-            m[row + x] = near * m[centre + x] + far * m[other + x]
-        k = p + (y + TWO) * s + TWO
-        for x in range(wc):
-            i = row + x + TWO
-            m[k + x + x] += near * m[i] + far * m[i - ONE]
-            m[k + x + x + ONE] += near * m[i] + far * m[i + ONE]
+    (axx, axy, ayy), (ru, rv) = coarse_system(around, j, d)
+    scale = 1.0 / (axx * ayy - axy * axy)
+    new[0] = scale * (ayy * ru - axy * rv)
+    new[d] = scale * (axx * rv - axy * ru)
 
 
-@_inner
-def coarse(m, u, un, d, j, solve, h, w):
-    """Write to the pair `un` one Jacobi sweep of the pair `u` on a coarse grid, or, without `solve`, its residual.
+@formula(shared=columns)
+def coarse_residual(around: Around, u: Pixels, r: Pixels, j: Pixels, d: Index, s: Index) -> None:
+    """Write the residual of the coarse system."""
+    (axx, axy, ayy), (ru, rv) = coarse_system(around, j, d)
+    r[0] = ru - (axx * u[0] + axy * u[d])
+    r[d] = rv - (axy * u[0] + ayy * u[d])
 
-    The system is u − ū + J u = b with J = (jxx, jxy, jyy) and b = (b_u, b_v): five planes from `j`.
+
+@part(inline="always")
+def stride(w):
+    """Elements from one row of a plane to the next: a multiple of 16, at least 16 more than pixels.
+
+    An odd multiple, since rows that are a power of two apart would share a few lines of the cache.
     """
-    one = np.float32(1.0)
-    zero = np.float32(0.0)
-    keep = zero if solve else one
-    s = w + FOUR
-    for y in range(TWO, h + TWO):
-        for k in range(y * s + TWO, y * s + w + TWO):
-            p = u + k
-            q = p + d
-            i = j + k
-            axx = one + m[i]
-            axy = m[i + d]
-            ayy = one + m[i + d + d]
-            ru = (m[i + THREE * d] + average(m, p, s)) - keep * (axx * m[p] + axy * m[q])
-            rv = (m[i + FOUR * d] + average(m, q, s)) - keep * (axy * m[p] + ayy * m[q])
-            scale = one / (axx * ayy - axy * axy)
-            m[un + k] = scale * (ayy * ru - axy * rv) if solve else ru
-            m[un + d + k] = scale * (axx * rv - axy * ru) if solve else rv
+    return (((w + np.uint64(31)) >> FOUR) | ONE) << FOUR
 
 
-@kernel(fastmath=FAST)
+@kernel()
 def run(program, factors, m, frame0, frame1, flow):
     """Carry out a program; return the sum that the last step to compute one has left.
 
@@ -566,6 +538,7 @@ def run(program, factors, m, frame0, frame1, flow):
         f = program[step, 8]
         f0 = factors[step, 0]
         f1 = factors[step, 1]
+        s = stride(w)
         omega = one
         for _ in range(program[step, 9]):
             if code == LOAD:
@@ -574,43 +547,57 @@ def run(program, factors, m, frame0, frame1, flow):
                     image = frame1
                 if a == TWO:
                     image = flow
-                load(m, image, e, b)
+                load(m, image, e, b, s)
             elif code == STORE:
-                store(m, a, flow, e)
+                store(m, a, flow, e, s)
             elif code == FILL:
-                fill(m, b, f0, a)
+                fill(m, ONE, a, ZERO, b, f0)
             elif code == ADD:
-                add(m, b, a, f0, h, w)
+                add(m, h, w, s, b, a, f0)
             elif code == DERIVE:
                 if e == ONE:
-                    five_tap(m, a, c, b, d, h, w)
+                    five_tap(m, h, w, s, a, c, b, d, s)
                 else:
-                    cube(m, a, c, b, d, h, w)
+                    cube(m, h, w, s, a, c, b, d, s)
             elif code == NORMALISE:
-                normalise(m, a, d, c, e, f0, f1, h, w)
+                normalise(m, h, w, s, a, c, e, d, f0, f1)
             elif code == SWEEP:
                 # Chebyshev's weights for a spectrum of given radius; with radius 0 (f1) and f0 1 plain Jacobi
-                sweep(m, a, b, c, d, one - omega, omega * (one - f0), omega * f0, h, w)
+                sweep(m, h, w, s, a, b, c, d, s, one - omega, omega * (one - f0), omega * f0)
                 omega = one / (one - f1 * omega if omega != one else one - f1 - f1)
             elif code == RESAMPLE:
                 resample(m, a, e, f, b, h, w, f0, f1, factors[step, 2], factors[step, 3], c)
             elif code == WARP:
-                warp(m, a, b, c, d, e, h, w)
+                warp(m, a, b, c, d, e, f, h, w, s)
             elif code == MEDIAN:
-                median_filter(m, a, b, e, h, w)
+                if e == THREE:
+                    median_3x3(m, h, w, s, a, b, s)
+                else:
+                    median_5x5(m, h, w, s, a, b, s)
             elif code == SCALE:
-                total = scale(m, a, b, d, f0, h, w)
+                square = np.float64(f0) * f0
+                total = scale(m, h, w, s, a, b, d, f0) / (square * square)
             elif code == RESIDUAL:
-                total = residual(m, a, b, c, d, f0, h, w)
+                total = residual(m, h, w, s, a, b, c, d, s, f0)
             elif code == PROJECT:
-                project(m, a, d, e, f0, b, h, w)
+                fine = stride(e)
+                for y in range(h):
+                    project(m, ONE, w, s, a + (y + y) * fine, b + y * s, d, fine, f, f0)
             elif code == RESTRICT:
-                restrict(m, a, e, b, h, w)
+                fine = stride(e)
+                for y in range(h):
+                    restrict(m, ONE, w, s, a + (y + y) * fine, b + y * s, fine)
             elif code == PROLONG:
-                prolong(m, a, e, b, h, w, c)
+                coarse = stride(e)
+                for y in range(h):
+                    near = a + (y >> ONE) * coarse
+                    prolong(m, ONE, e, s, near, near + coarse if y & ONE == ONE else near - coarse, b + y * s, w)
             elif code == COARSE:
-                coarse(m, a, b, d, c, e == ONE, h, w)
+                if e == ONE:
+                    coarse_sweep(m, h, w, s, a, b, c, d, s)
+                else:
+                    coarse_residual(m, h, w, s, a, b, c, d, s)
             for plane in range(program[step, 10]):
-                pad(m, b + plane * d, program[step, 11], factors[step, 4], h, w)
+                pad(m, b + plane * d, program[step, 11], factors[step, 4], h, w, s)
             a, b = b, a
     return total

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from . import kernels
 from .params import FlowParams
-from .program import JACOBI, Program, ProgramWriter, area, chebyshev
+from .program import JACOBI, Program, ProgramWriter, area, chebyshev, origin, spare
 
 __all__ = ["GridPlan", "plan", "solve"]
 
@@ -70,11 +70,13 @@ class _Grids:
         self.weight = 1.0 / smoothness**2
         self.size = sizes[0]
         self.d = area(self.size)
-        self.pair, self.other, self.slopes, self.scaled, self.row = (self.d * i for i in (0, 2, 4, 7, 10))
-        self.bases = [0, self.row + self.size[1] + 4]
+        self.pair, self.other, self.slopes, self.scaled = (origin(self.size) + self.d * i for i in (0, 2, 4, 7))
+        self.bases = [self.pair]
+        end = 10 * self.d
         for coarse in sizes[1:]:
-            self.bases.append(self.bases[-1] + 9 * area(coarse))
-        self.memory = self.bases[-1]
+            self.bases.append(end + origin(coarse))
+            end += 9 * area(coarse)
+        self.memory = end + spare(self.size)
 
     def begin(self) -> Program:
         """Program for the finest system and the coarse ones; its sum is that of the squared right-hand side."""
@@ -87,7 +89,10 @@ class _Grids:
         for level in range(1, len(self.sizes)):
             coarse, fine, base = self.sizes[level], self.sizes[level - 1], self.bases[level]
             if level == 1:
-                writer.add(kernels.PROJECT, coarse, self.slopes, base, 0, self.d, fine[1], factors=(self.weight,))
+                factors = (self.weight,)
+                writer.add(
+                    kernels.PROJECT, coarse, self.slopes, base, 0, self.d, fine[1], area(coarse), factors=factors
+                )
             else:
                 for i in range(5):
                     source = self.bases[level - 1] + i * area(fine)
@@ -198,7 +203,7 @@ class _Grids:
         coarse, fine = self.sizes[level], self.sizes[level - 1]
         for i in range(2):
             source = self._pair(level) + i * area(coarse)
-            writer.add(kernels.PROLONG, fine, source, pair + i * area(fine), self.row, e=coarse[1], rings=1)
+            writer.add(kernels.PROLONG, fine, source, pair + i * area(fine), e=coarse[1], rings=1)
 
 
 def solve(

@@ -89,9 +89,9 @@ class ProgramWriter:
             self.add(kernels.STORE, size, pair + channel * d, e=channel)
 
     def clear(self, pair: int, d: int, size: tuple[int, int]) -> None:
-        """Set a pair of planes to zero."""
+        """Set a pair of planes to zero, rings and all."""
         for plane in (pair, pair + d):
-            self.add(kernels.FILL, size, area(size), plane)
+            self.add(kernels.FILL, size, area(size), plane - origin(size))
 
     def sweep(
         self, pair: int, other: int, g: int, d: int, size: tuple[int, int], repeat: int, weights: Any
@@ -115,6 +115,21 @@ class ProgramWriter:
         self.add(kernels.RESAMPLE, target, a, b, row, 0, *size, factors=(gain, *taps), rings=1, depth=2)
 
 
+def stride(width: int) -> int:
+    """Elements from one row to the next; what :func:`.kernels.stride` says, and why."""
+    return ((width + 31) // 16 | 1) * 16
+
+
 def area(size: tuple[int, int]) -> int:
-    """Elements of a plane, its ring included."""
-    return (size[0] + 4) * (size[1] + 4)
+    """Elements of a plane with its ring and the room round it; an odd multiple of 16, for the reason rows have it."""
+    return ((size[0] + 4) * (stride(size[1]) // 16) | 1) * 16
+
+
+def origin(size: tuple[int, int]) -> int:
+    """Elements before a plane's first pixel."""
+    return 2 * stride(size[1]) + 16
+
+
+def spare(size: tuple[int, int]) -> int:
+    """Elements after the last plane, which blocks that stick out of it may touch."""
+    return 2 * stride(size[1]) + 64

@@ -9,7 +9,7 @@ import numpy as np
 
 from . import kernels
 from .params import FlowParams
-from .program import JACOBI, Program, ProgramWriter, area, chebyshev
+from .program import JACOBI, Program, ProgramWriter, area, chebyshev, origin, spare, stride
 
 __all__ = ["PyramidPlan", "plan", "slopes"]
 
@@ -62,13 +62,14 @@ class _Writer(ProgramWriter):
         self.started = started
         self.d = area(sizes[0])
         self.pair, self.other, self.slopes, self.warped, self.mask, self.row = (
-            self.d * i for i in (0, 2, 4, 7, 8, 10)
+            origin(sizes[0]) + self.d * i for i in (0, 2, 4, 7, 8, 10)
         )
-        planes = 4 if started else 2  # of each level: frame 0, frame 1, start u, start v
-        self.levels = [self.row + 2 * (sizes[0][1] + 4)]
+        self.levels = []  # of each: frame 0, frame 1, start u, start v
+        end = self.row + 12 * stride(sizes[0][1])
         for size in sizes:
-            self.levels.append(self.levels[-1] + planes * area(size))
-        self.memory = self.levels[-1]
+            self.levels.append(end + origin(size))
+            end += (4 if started else 2) * area(size)
+        self.memory = end + spare(sizes[0])
 
     def write(self) -> Program:
         """Write it all."""
@@ -125,7 +126,7 @@ class _Writer(ProgramWriter):
         size = self.sizes[level]
         for i in range(2):
             start = self.levels[level] + (2 + i) * area(size)
-            self.add(kernels.ADD, size, start, self.pair + i * self.d, factors=(factor,))
+            self.add(kernels.ADD, size, start, self.pair + i * self.d, factors=(factor,), rings=1, depth=2)
 
     def _linearise(self, level: int) -> None:
         """Take the derivatives of a level's frames, the second warped by the flow so far."""
@@ -138,7 +139,7 @@ class _Writer(ProgramWriter):
             self.add(kernels.DERIVE, size, first, raw, second, d, five)
             self.add(kernels.SCALE, size, raw, self.slopes, 0, d, factors=(params.smoothness,))
             return
-        self.add(kernels.WARP, size, second, self.warped, self.pair, d, self.mask, rings=1, depth=2)
+        self.add(kernels.WARP, size, second, self.warped, self.pair, d, self.mask, self.row, rings=1, depth=2)
         self.add(kernels.DERIVE, size, first, self.slopes, self.warped, d, five)
         outlier = 1.0 / params.outlier**2 if params.outlier else 0.0
         factors = (params.smoothness, outlier)
@@ -167,9 +168,10 @@ def slopes(height: int, width: int, derivative: str) -> PyramidPlan:
     """Plan the derivatives of frames of height × width px, into an array (H, W, 3)."""
     size, d = (height, width), area((height, width))
     writer = ProgramWriter()
+    first = origin(size)
     for frame in range(2):
-        writer.load(frame, 0, frame * d, size)
-    writer.add(kernels.DERIVE, size, 0, 2 * d, d, d, int(derivative == "five-tap"))
+        writer.load(frame, 0, first + frame * d, size)
+    writer.add(kernels.DERIVE, size, first, first + 2 * d, first + d, d, int(derivative == "five-tap"))
     for channel in range(3):
-        writer.add(kernels.STORE, size, (2 + channel) * d, e=channel)
-    return PyramidPlan((size,), 5 * d, writer.program())
+        writer.add(kernels.STORE, size, first + (2 + channel) * d, e=channel)
+    return PyramidPlan((size,), 5 * d + spare(size), writer.program())
