@@ -6,19 +6,24 @@ Arrays in, arrays out; no checks, no options: :mod:`~hs_tracker_cv.propagation` 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiling import kernel, larger, part, smaller
+from .compiling import kernel, larger, local, part, root, smaller
 
 __all__ = ["fit_motion", "misfit", "residual_weights", "sample"]
 
-F32 = NDArray[np.float32]
+Image = Annotated[NDArray[np.float32], 3]
+Plane = Annotated[NDArray[np.float32], 2]
+Row = Annotated[NDArray[np.float32], 1]
+Integers = Annotated[NDArray[np.int64], 1]
+Numbers = Annotated[NDArray[np.float64], 1]
 
 _BINS = 512
 _BINS_PER_PX = 64.0
+_histogram = local(_BINS)
 
 
 @part()
@@ -45,8 +50,9 @@ def _taps(centre: float, step: float, size: int, first: Any, weight: Any) -> Non
             weight[i, whole + 1 - low] += part / sub
 
 
-@kernel()
-def sample(window: Any, cx: float, cy: float, step_x: float, step_y: float, out: Any) -> None:
+def sample(
+    window: NDArray[np.float32], cx: float, cy: float, step_x: float, step_y: float, out: NDArray[np.float32]
+) -> None:
     """Sample a patch round a point; beyond the window its border is repeated.
 
     Parameters
@@ -60,27 +66,44 @@ def sample(window: Any, cx: float, cy: float, step_x: float, step_y: float, out:
     out : ndarray, shape (h, w, C), float32
         Receives the patch.
     """
-    height, width, channels = window.shape
-    rows, columns = out.shape[0], out.shape[1]
-    first_x = np.empty(columns, np.int64)
-    first_y = np.empty(rows, np.int64)
-    weight_x = np.empty((columns, np.int64(step_x) + 3), np.float32)
-    weight_y = np.empty((rows, np.int64(step_y) + 3), np.float32)
-    _taps(cx, step_x, width, first_x, weight_x)
-    _taps(cy, step_y, height, first_y, weight_y)
+    rows, columns, _ = out.shape
+    flat = window.reshape(window.shape[0], -1)
+    first_x, first_y = np.empty(columns, np.int64), np.empty(rows, np.int64)
+    weight_x = np.empty((columns, int(step_x) + 3), np.float32)
+    weight_y = np.empty((rows, int(step_y) + 3), np.float32)
+    line = np.empty(flat.shape[1], np.float32)
+    _sample(flat, cx, cy, step_x, step_y, first_x, first_y, weight_x, weight_y, line, out)
+
+
+@kernel()
+def _sample(
+    window: Plane,
+    cx: float,
+    cy: float,
+    step_x: float,
+    step_y: float,
+    first_x: Integers,
+    first_y: Integers,
+    weight_x: Plane,
+    weight_y: Plane,
+    line: Row,
+    out: Image,
+) -> None:
+    """Sample a patch: as `sample`, with pixels as C columns of the window, and room to work in."""
+    rows, columns, channels = out.shape
+    _taps(cx, step_x, line.shape[0] // channels, first_x, weight_x)
+    _taps(cy, step_y, window.shape[0], first_y, weight_y)
     length_x, length_y = weight_x.shape[1], weight_y.shape[1]
     start, stop = first_x[0] * channels, (first_x[columns - 1] + length_x) * channels
-    flat = window.reshape((height, width * channels))
-    line = np.empty(width * channels, np.float32)
     for i in range(rows):
         for j in range(start, stop):
             line[j] = 0.0
         for k in range(length_y):
             w = weight_y[i, k]
             if w != 0.0:
-                row = flat[first_y[i] + k]
+                y = first_y[i] + k
                 for j in range(start, stop):
-                    line[j] += w * row[j]
+                    line[j] += w * window[y, j]
         for j in range(columns):
             base = first_x[j] * channels
             for c in range(channels):
@@ -90,8 +113,13 @@ def sample(window: Any, cx: float, cy: float, step_x: float, step_y: float, out:
                 out[i, j, c] = total
 
 
-@kernel()
-def residual_weights(a: Any, b: Any, flow: Any, prior: Any, weight: Any) -> None:
+def residual_weights(
+    a: NDArray[np.float32],
+    b: NDArray[np.float32],
+    flow: NDArray[np.float32],
+    prior: NDArray[np.float32],
+    weight: NDArray[np.float32],
+) -> None:
     """Weight of each pixel in the fit: textured, and explained by the flow.
 
     ``weight = prior * G / (G + 30) / (1 + (res / 8)²)²`` with G the squared gradient of `a` and res the 3 × 3
@@ -107,8 +135,13 @@ def residual_weights(a: Any, b: Any, flow: Any, prior: Any, weight: Any) -> None
     weight : ndarray, shape (H, W), float32
         Receives the weights.
     """
+    _residual_weights(a, b, flow, prior, np.empty_like(a), weight)
+
+
+@kernel()
+def _residual_weights(a: Plane, b: Plane, flow: Image, prior: Plane, error: Plane, weight: Plane) -> None:
+    """Weigh pixels: as `residual_weights`, with room to work in."""
     height, width = a.shape
-    error = np.empty((height, width), np.float32)
     for y in range(height):
         for x in range(width):
             px = smaller(larger(x + flow[y, x, 0], 0.0), width - 1.0)
@@ -135,7 +168,7 @@ def residual_weights(a: Any, b: Any, flow: Any, prior: Any, weight: Any) -> None
 
 
 @kernel()
-def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
+def fit_motion(flow: Image, weight: Plane, motion: Numbers) -> None:
     """Fit ``u = tx + sx X, v = ty + sy Y`` to a flow field by iteratively re-weighted least squares.
 
     X, Y are measured from the patch centre, in samples. Eight rounds; every second pixel; Geman–McClure weights
@@ -152,7 +185,7 @@ def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
     """
     height, width = weight.shape
     mx, my = 0.5 * (width - 1), 0.5 * (height - 1)
-    histogram = np.zeros(_BINS)
+    histogram = _histogram()
     tx, ty, sx, sy, scale, median = 0.0, 0.0, 0.0, 0.0, 0.0, 8.0
     for turn in range(8):
         n = xu = yv = u1 = v1 = xw = yw = xx = yy = 1e-9
@@ -170,7 +203,7 @@ def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
                     du, dv = u - tx - scale * px, v - ty - scale * py
                     square = du * du + dv * dv
                     fair = 1.0 + square / (limit * limit)
-                    histogram[smaller(np.int64(np.sqrt(square) * _BINS_PER_PX), _BINS - 1)] += w
+                    histogram[smaller(np.int64(root(square) * _BINS_PER_PX), _BINS - 1)] += w
                     w /= fair * fair
                 n += w
                 xw += w * px
@@ -203,7 +236,7 @@ def fit_motion(flow: Any, weight: Any, motion: Any) -> None:
 
 
 @kernel()
-def misfit(flow: Any, motion: Any, square: Any) -> None:
+def misfit(flow: Image, motion: Numbers, square: Plane) -> None:
     """Squared distance of a flow field from a fitted motion.
 
     Parameters

@@ -22,13 +22,20 @@ Planes that belong together (u and v; F_x, F_y and F_t) are `d` elements apart.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..compiling import kernel, part
 from .formulas import Around, Columns, Index, Lanes, Pixels, PixelsOfTwo, formula, interpolate_fours
 
 __all__ = ["COLUMNS", "FACTORS", "run"]
+
+Steps = Annotated[NDArray[np.uint64], 2]
+Factors = Annotated[NDArray[np.float32], 2]
+Memory = Annotated[NDArray[np.float32], 1]
+Image = Annotated[NDArray[np.float32], 3]
 
 ZERO = np.uint64(0)
 ONE = np.uint64(1)
@@ -508,7 +515,7 @@ def stride(w):
 
 
 @kernel()
-def run(program, factors, m, frame0, frame1, flow):
+def run(program: Steps, factors: Factors, m: Memory, frame0: Image, frame1: Image, flow: Image) -> float:
     """Carry out a program; return the sum that the last step to compute one has left.
 
     Parameters

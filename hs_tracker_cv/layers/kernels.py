@@ -6,13 +6,16 @@ An affine displacement is a[0..5]: q = p + (a0 + a1 X + a2 Y, a3 + a4 X + a5 Y) 
 and `grid` is (cx, cy, scale).
 """
 
-# Types come from the calls: Numba infers them.
+# Parts have no types of their own: Numba infers them.
 # mypy: allow-untyped-defs, no-check-untyped-defs, allow-untyped-calls
 from __future__ import annotations
 
-import numpy as np
+from typing import Annotated
 
-from ..compiling import kernel, larger, part, smaller
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiling import kernel, larger, local, part, root, smaller
 
 __all__ = [
     "KNOWN",
@@ -28,6 +31,14 @@ __all__ = [
     "start_flow",
 ]
 
+Image = Annotated[NDArray[np.float32], 3]
+Plane = Annotated[NDArray[np.float32], 2]
+Mask = Annotated[NDArray[np.uint8], 2]
+Bins = Annotated[NDArray[np.int16], 2]
+Row = Annotated[NDArray[np.float32], 1]
+Numbers = Annotated[NDArray[np.float64], 1]
+Integers = Annotated[NDArray[np.int64], 1]
+
 # Nothing here may be NaN: frames.crop has removed what is not finite. 'nnan' and 'ninf' stay off all the same.
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
 _kernel = kernel(fastmath=_FAST)
@@ -35,6 +46,13 @@ _part = part(fastmath=_FAST)
 
 # Samples after which a background pixel is known; until then it must stay as it is from frame to frame.
 KNOWN = np.float32(3.0)
+
+
+_three = local(3)
+_six = local(6)
+_eight = local(8)
+_three_by_three = local(3, 3)
+_eight_by_eight = local(8, 8)
 
 
 @_part
@@ -46,7 +64,7 @@ def _solve(a, b):
             b[j] -= a[j, k] * b[k]
             for i in range(j, n):
                 a[i, j] -= a[i, k] * a[j, k]
-        pivot = np.sqrt(larger(a[j, j], 1e-9))
+        pivot = root(larger(a[j, j], 1e-9))
         for i in range(j, n):
             a[i, j] /= pivot
         b[j] /= pivot
@@ -85,7 +103,18 @@ def _select(values, n, share):
 
 
 @_kernel
-def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations, stride, inside):
+def gauss_newton(
+    image: Image,
+    reference: Image,
+    weight: Plane,
+    grid: Numbers,
+    theta: Numbers,
+    prior: Numbers,
+    scale: float,
+    iterations: int,
+    stride: int,
+    inside: Integers,
+) -> float:
     """Register `reference` in `image`: minimise Σ w ρ(I(p + a(p)) − g R(p) − b) over theta = (a, g, b), in place.
 
     theta[6] is 100 (g − 1), theta[7] is b. `prior` holds the diagonal ridge towards the start value, per unit of
@@ -101,12 +130,12 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
     top = inside[1]
     right = inside[2] - 1
     bottom = inside[3] - 1
-    start = np.zeros(8)
+    start = _eight()
     for i in range(8):
         start[i] = theta[i]
-    normal = np.zeros((8, 8))
-    rhs = np.zeros(8)
-    basis = np.zeros(3)
+    normal = _eight_by_eight()
+    rhs = _eight()
+    basis = _three()
     basis[0] = 1.0
     cost = 0.0
     share = 1.0 / channels
@@ -175,7 +204,7 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
                         se -= e
                 see *= share
                 used += wt
-                cost += wt * smaller(np.sqrt(see), 40.0)
+                cost += wt * smaller(root(see), 40.0)
                 if not last:
                     rho = 1.0 + see / (scale * scale)
                     wr = share * wt / (rho * rho)
@@ -207,7 +236,7 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
             normal[i, i] += prior[i] * wanted
             rhs[i] -= prior[i] * wanted * (theta[i] - start[i])
         _solve(normal, rhs)
-        longest = larger(np.sqrt(rhs[0] * rhs[0] + rhs[3] * rhs[3]), 1e-6)
+        longest = larger(root(rhs[0] * rhs[0] + rhs[3] * rhs[3]), 1e-6)
         shorten = smaller(1.0, 1.5 / longest)
         for i in range(8):
             theta[i] += shorten * rhs[i]
@@ -215,7 +244,19 @@ def gauss_newton(image, reference, weight, grid, theta, prior, scale, iterations
 
 
 @_kernel
-def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, points, theta):
+def fit_affine(
+    flow: Image,
+    gray: Plane,
+    log_odds: Plane,
+    grid: Numbers,
+    ridge: Numbers,
+    noise: float,
+    camera: Numbers,
+    young: bool,
+    stride: int,
+    points: Plane,
+    theta: Numbers,
+) -> float:
     """Robust affine fit of `flow` on the object {log_odds > 0}, towards the prediction in `theta` (in place).
 
     Iteratively reweighted least squares, five rounds. Pixels count by their gradient (a flat pixel's flow is only
@@ -250,13 +291,13 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
             n += 1
     if n == 0:
         return 0.0
-    start = np.zeros(6)
+    start = _six()
     for i in range(6):
         start[i] = theta[i]
-    a = np.zeros((3, 3))
-    b_u = np.zeros(3)
-    b_v = np.zeros(3)
-    basis = np.zeros(3)
+    a = _three_by_three()
+    b_u = _three()
+    b_v = _three()
+    basis = _three()
     basis[0] = 1.0
     scale = 1e3
     for _ in range(5):
@@ -297,7 +338,7 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
             rv = points[3, p] - b_v[0] - b_v[1] * points[0, p] - b_v[2] * points[1, p]
             points[5, p] = ru * ru + rv * rv
             points[6, p] = points[5, p]
-        scale = larger(0.06, 1.48 * np.sqrt(_select(points[6], n, 0.5)))
+        scale = larger(0.06, 1.48 * root(_select(points[6], n, 0.5)))
     for i in range(3):
         theta[i] = b_u[i]
         theta[3 + i] = b_v[i]
@@ -305,7 +346,7 @@ def fit_affine(flow, gray, log_odds, grid, ridge, noise, camera, young, stride, 
 
 
 @_kernel
-def start_flow(near, grid, theta, camera, out):
+def start_flow(near: Mask, grid: Numbers, theta: Numbers, camera: Numbers, out: Image) -> None:
     """Flow to start from, into out (h, w, 2): the affine motion where `near` is set, the camera's elsewhere."""
     h, w = near.shape
     for y in range(h):
@@ -321,7 +362,7 @@ def start_flow(near, grid, theta, camera, out):
 
 
 @_kernel
-def median_flow(flow, near, about, sample, out):
+def median_flow(flow: Image, near: Mask, about: Numbers, sample: Plane, out: Numbers) -> int:
     """Medians outside `near`, every fourth pixel of every fourth row: u, v and |flow − about| into out[0..2].
 
     `sample` is a workspace (3, N). Returns the number of pixels looked at.
@@ -340,12 +381,22 @@ def median_flow(flow, near, about, sample, out):
     if n:
         for i in range(3):
             out[i] = _select(sample[i], n, 0.5)
-        out[2] = np.sqrt(out[2])
+        out[2] = root(out[2])
     return n
 
 
 @_kernel
-def search_shift(image, obj, shape, different, centre, reach, step, inside, noise):
+def search_shift(
+    image: Image,
+    obj: Image,
+    shape: Plane,
+    different: Mask,
+    centre: Integers,
+    reach: int,
+    step: int,
+    inside: Integers,
+    noise: float,
+) -> tuple[float, float, int, int]:
     """Best translation of the object layer: Σ over its shape of [not background] (1 − min(|I − O| / (12 + 3σ), 2)).
 
     Shifts are `centre` ± `reach` in steps of `step` px; about four hundred pixels of {shape > ½} are looked at.
@@ -357,7 +408,7 @@ def search_shift(image, obj, shape, different, centre, reach, step, inside, nois
         for x in range(w):
             if shape[y, x] > 0.5:
                 area += 1
-    stride = larger(1, np.int64(np.sqrt(area / 400.0)))
+    stride = larger(1, np.int64(root(area / 400.0)))
     best = -1e9
     still = 0.0
     best_x = 0
@@ -393,7 +444,7 @@ def search_shift(image, obj, shape, different, centre, reach, step, inside, nois
 
 
 @_kernel
-def local_products(image, background, obj, out):
+def local_products(image: Image, background: Image, obj: Image, out: Image) -> None:
     """Channel sums of I·B, B·B, I·O, O·O into out (h, w, 4): box-filtered, they give the local gains."""
     h, w, channels = image.shape
     for y in range(h):
@@ -414,7 +465,20 @@ def local_products(image, background, obj, out):
 
 
 @_kernel
-def evidence(image, background, moved, obj, warped, counts, products, noise, knobs, inside, out, fresh):
+def evidence(
+    image: Image,
+    background: Image,
+    moved: Image,
+    obj: Image,
+    warped: Plane,
+    counts: Image,
+    products: Image,
+    noise: np.float32,
+    knobs: Row,
+    inside: Integers,
+    out: Image,
+    fresh: Mask,
+) -> None:
     """Log-likelihood ratio, object against background, per pixel.
 
     Parameters are windows: current image, background layer, previous image moved by the camera, object layer and
@@ -520,7 +584,9 @@ def evidence(image, background, moved, obj, warped, counts, products, noise, kno
 
 
 @_kernel
-def label(image, warped, ll, grown, ratio, trust, bins, out):
+def label(
+    image: Image, warped: Plane, ll: Plane, grown: Mask, ratio: Row, trust: float, bins: Bins, out: Plane
+) -> None:
     """Log-odds of object after this frame's evidence: 0.9 warped + 0.7 ll + trust · colour ratio.
 
     `grown` is 1 where the object has grown, 2 on a distractor, 3 where that covers the object; `ll` is changed there.
@@ -551,15 +617,17 @@ def label(image, warped, ll, grown, ratio, trust, bins, out):
 
 
 @_kernel
-def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
+def alpha_edge(
+    image: Image, background: Image, seen: Plane, core: Mask, wide: Mask, mask: Mask, noise: float, odds: Plane
+) -> None:
     """Mixed pixels of the mask's edge: α of I = α o + (1 − α) b, and the odds lowered where α says background.
 
     o is the mean of the `core` pixels within 3 px, b the background, or, where that was never seen, the mean of the
     pixels outside `wide` within 3 px.
     """
     h, w, channels = image.shape
-    inner = np.zeros(3)
-    outer = np.zeros(3)
+    inner = _three()
+    outer = _three()
     for y in range(h):
         for x in range(w):
             if mask[y, x] == 0 or core[y, x] != 0:
@@ -598,28 +666,28 @@ def alpha_edge(image, background, seen, core, wide, mask, noise, odds):
 
 @_kernel
 def learn(
-    image,
-    aligned,
-    mask,
-    near,
-    odds,
-    raw,
-    warped,
-    obj,
-    shape,
-    errors,
-    bins,
-    inside,
-    knobs,
-    s_out,
-    o_out,
-    m_out,
-    ground,
-    counts,
-    tally,
-    sample,
-    sums,
-):
+    image: Image,
+    aligned: Image,
+    mask: Mask,
+    near: Mask,
+    odds: Plane,
+    raw: Plane,
+    warped: Plane,
+    obj: Image,
+    shape: Plane,
+    errors: Image,
+    bins: Bins,
+    inside: Integers,
+    knobs: Row,
+    s_out: Plane,
+    o_out: Image,
+    m_out: Plane,
+    ground: Image,
+    counts: Image,
+    tally: Plane,
+    sample: Plane,
+    sums: Numbers,
+) -> None:
     """What is remembered after a frame: log-odds, object layer, slow shape, background, colours.
 
     `aligned` is the image on the background's own lattice. `near` is 1 within two pixels of the object. `errors` is

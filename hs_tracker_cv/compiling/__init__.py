@@ -1,0 +1,179 @@
+"""How kernels are written and run: compiled by Numba at the first use ever, loaded without Numba after that.
+
+Importing Numba takes longer than everything else at the start of a program. So the decorators here only remember
+their function. A kernel's first call looks for its machine code on disk (:mod:`.cache`); only where there is none
+is Numba imported and asked for it (:mod:`.object_code`). Found or just compiled, it is called in the same way
+(:mod:`.loading`).
+"""
+
+# mypy: allow-untyped-calls
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from typing import Any
+
+__all__ = ["Intrinsic", "Kernel", "Part", "intrinsic", "kernel", "larger", "local", "part", "root", "smaller"]
+
+_LOCK = threading.RLock()
+
+
+class Kernel:
+    """A compiled function. Every parameter is annotated with its one type; `py_func` is the Python function.
+
+    A number's type is ``float``, ``int``, ``bool`` or one of NumPy's; an array's ``Annotated[NDArray[...], ndim]``,
+    C-contiguous. Arguments of another type are refused with an exception; no value is ever checked.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        self.py_func = function
+        self.options = options
+        self._run: Callable[..., Any] = self._first_run
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the machine code; the interpreter is free for other threads meanwhile."""
+        return self._run(*arguments)
+
+    def _first_run(self, *arguments: Any) -> Any:
+        with _LOCK:
+            if self._run == self._first_run:
+                self._run = _machine_code(self)
+        return self._run(*arguments)
+
+
+class Part:
+    """A function that only kernels call: compiled into them."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        self.py_func = function
+        self.options = options
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Refuse: there is no compiled function of its own."""
+        raise TypeError(f"{self.py_func.__name__} can only be called by a kernel")
+
+
+class Intrinsic(Part):
+    """An instruction for kernels: the function is what ``numba.extending.intrinsic`` wants."""
+
+
+def kernel(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
+    """Compile a function on first call and keep its machine code on disk.
+
+    The place is Numba's: ``NUMBA_CACHE_DIR`` if set, else ``__pycache__`` beside the source, else the user's cache
+    directory. Where none can be written, as in a read-only installation without a home, the function is compiled
+    once in every process.
+
+    Parameters
+    ----------
+    **options
+        Of ``numba.njit``, except ``cache``.
+    """
+    return lambda function: Kernel(function, options)
+
+
+def part(**options: Any) -> Callable[[Callable[..., Any]], Part]:
+    """Mark a function that only kernels call: not callable from Python, and cached as a part of its callers."""
+    return lambda function: Part(function, options)
+
+
+def intrinsic(function: Callable[..., Any]) -> Intrinsic:
+    """Mark a function that emits LLVM instructions for kernels; it imports what it needs of Numba when called."""
+    return Intrinsic(function, {})
+
+
+@intrinsic
+def root(typing_context: Any, a: Any) -> Any:
+    """Square root of a float, inside a kernel: the processor's instruction.
+
+    ``np.sqrt`` calls C's function for negative numbers, whose errors nobody asks for, and keeps loops from being
+    vectorised.
+    """
+
+    def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        function = builder.module.declare_intrinsic("llvm.sqrt", [arguments[0].type])
+        return builder.call(function, arguments)
+
+    return a(a), emit
+
+
+def local(*shape: int) -> Intrinsic:
+    """Intrinsic without arguments that returns an array of float64 on the stack, uninitialised, for a kernel's use.
+
+    Numba's ``np.empty`` compiles an allocator into every kernel, and its array costs a lock at run time.
+    """
+
+    def array(typing_context: Any) -> Any:
+        from numba import types
+        from numba.core import cgutils
+        from numba.np.arrayobj import populate_array
+
+        kind = types.Array(types.float64, len(shape), "C")
+
+        def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            element = context.get_value_type(kind.dtype)
+            room = cgutils.alloca_once(builder, element, size=math.prod(shape))
+            made = context.make_array(kind)(context, builder)
+            sides = [context.get_constant(types.intp, side) for side in shape]
+            steps = [context.get_constant(types.intp, 8 * math.prod(shape[i + 1 :])) for i in range(len(shape))]
+            populate_array(made, room, sides, steps, 8, None)
+            return made._getvalue()
+
+        return kind(), emit
+
+    return intrinsic(array)
+
+
+def _machine_code(kernel: Kernel) -> Callable[..., Any]:
+    """Machine code of a kernel as a Python function."""
+    from . import cache, loading
+
+    name = f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
+    place = cache.Entry(kernel.py_func)
+    code = place.read()
+    if code is None:
+        from . import numba_function
+
+        try:
+            from .object_code import object_code
+
+            code = object_code(kernel, name)
+        except Exception:  # a Numba whose inner names have changed, or a kernel that needs more than bare code
+            function: Callable[..., Any] = numba_function.dispatcher(kernel)
+            return function
+        place.write(code)
+    return loading.function(code, name)
+
+
+def _select(comparison: str) -> Intrinsic:
+    """Intrinsic that returns one of two numbers.
+
+    Numba compiles its own ``min`` and ``max`` as functions, once for each pair of types: a second of compiling.
+    """
+
+    def select(typing_context: Any, a: Any, b: Any) -> Any:
+        from numba import types
+
+        a, b = types.unliteral(a), types.unliteral(b)
+        common = typing_context.unify_pairs(a, b)
+
+        def emit(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            one, two = (
+                context.cast(builder, value, kind, common)
+                for value, kind in zip(arguments, signature.args, strict=True)
+            )
+            if isinstance(common, types.Float):
+                return builder.select(builder.fcmp_ordered(comparison, one, two), one, two)
+            return builder.select(builder.icmp_signed(comparison, one, two), one, two)
+
+        return common(a, b), emit
+
+    return intrinsic(select)
+
+
+smaller = _select("<")
+"""The smaller of two floats or signed integers, inside a kernel."""
+
+larger = _select(">")
+"""The larger of two floats or signed integers, inside a kernel."""

@@ -1,0 +1,133 @@
+"""Machine code on disk: where it lies, and whether it may be used."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import llvmlite  # type: ignore[import-untyped]
+import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
+__all__ = ["Entry"]
+
+_DIGEST = hashlib.sha256
+_DIGEST_SIZE = 32
+_VARIABLES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_ENABLE_AVX", "NUMBA_OPT")
+"""Environment variables that change the code which Numba makes."""
+
+
+class Entry:
+    """The file of one function's machine code.
+
+    The file begins with a digest of the code and of all that it was made from: the sources of its module and of this
+    package. So a damaged file is as good as none, and one file is kept per function and machine, the latest. What
+    makes machines differ (processor, Python, Numba) is in the file's name, for those that share a directory.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        name = f"{function.__module__}.{function.__name__}"
+        self._sources = _module_bytes(function.__module__)
+        digest = _DIGEST(_machine() + os.path.dirname(function.__code__.co_filename).encode()).hexdigest()
+        self._file = f"{name}-{sys.implementation.cache_tag}-{digest[:16]}.bin"
+        self._beside = Path(function.__code__.co_filename).parent
+
+    def read(self) -> bytes | None:
+        """Return the code, from the first place that has it; None where it is missing, outdated or damaged."""
+        if self._sources is None:
+            return None
+        for place in self._places():
+            with suppress(OSError):
+                data = (place / self._file).read_bytes()
+                code = data[_DIGEST_SIZE:]
+                if data[:_DIGEST_SIZE] == self._digest(code):
+                    return code
+        return None
+
+    def write(self, code: bytes) -> None:
+        """Keep code in the first place that can be written, whole or not at all; nowhere if there is none."""
+        import tempfile
+
+        if self._sources is None:
+            return
+        for place in self._places():
+            with suppress(OSError):
+                place.mkdir(parents=True, exist_ok=True)
+                handle, temporary = tempfile.mkstemp(dir=place, prefix=self._file, suffix=".tmp")
+                try:
+                    with os.fdopen(handle, "wb") as file:
+                        file.write(self._digest(code) + code)
+                    os.replace(temporary, place / self._file)
+                except OSError:
+                    os.unlink(temporary)
+                    raise
+                return
+
+    def _digest(self, code: bytes) -> bytes:
+        return _DIGEST(_own_bytes() + (self._sources or b"") + code).digest()
+
+    def _places(self) -> Iterator[Path]:
+        chosen = os.environ.get("NUMBA_CACHE_DIR")
+        if chosen:
+            yield Path(chosen)
+            return
+        yield self._beside / "__pycache__"
+        yield _user_directory() / "hs_tracker_cv"
+
+
+def _user_directory() -> Path:
+    """Where the system wants caches to be."""
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/AppData/Local"))
+    if sys.platform == "darwin":
+        return Path(os.path.expanduser("~/Library/Caches"))
+    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+
+
+@cache
+def _module_bytes(name: str) -> bytes | None:
+    """Contents of a module's file, also one inside an archive; None if it has none."""
+    try:
+        module: Any = sys.modules[name]
+        data: bytes = module.__spec__.loader.get_data(module.__spec__.origin)
+    except (OSError, AttributeError, KeyError):
+        return None
+    return data
+
+
+@cache
+def _own_bytes() -> bytes:
+    """Contents of the modules that make machine code; read from disk, since importing them would import Numba."""
+    package: Any = sys.modules[__package__ or ""].__spec__
+    names = ("__init__.py", "object_code.py", "numba_function.py")
+    try:
+        return b"".join(package.loader.get_data(os.path.join(os.path.dirname(package.origin), n)) for n in names)
+    except OSError:  # compiled modules only
+        return b""
+
+
+@cache
+def _machine() -> bytes:
+    """All that makes machine code differ but the source: processor, Python, Numba, LLVM."""
+    numba = find_spec("numba")  # finding it is quick, importing it is not
+    version = b""
+    with suppress(OSError):
+        version = Path(numba.origin or "").with_name("_version.py").read_bytes() if numba else b""
+    features = ""
+    with suppress(RuntimeError):  # unknown to LLVM on some processors
+        features = llvm.get_host_cpu_features().flatten()
+    parts = (
+        sys.version,
+        llvmlite.__version__,
+        llvm.get_process_triple(),
+        llvm.get_host_cpu_name(),
+        features,
+        *(os.environ.get(name, "") for name in _VARIABLES),
+    )
+    return "\n".join(parts).encode() + version

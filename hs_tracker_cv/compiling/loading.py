@@ -1,0 +1,65 @@
+"""Machine code in memory, as a Python function."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from typing import Any
+
+import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
+__all__ = ["C_FUNCTIONS", "function"]
+
+C_FUNCTIONS = (
+    "PyBuffer_Release",
+    "PyErr_BadArgument",
+    "PyErr_Occurred",
+    "PyEval_RestoreThread",
+    "PyEval_SaveThread",
+    "PyFloat_AsDouble",
+    "PyLong_AsLongLong",
+    "PyObject_GetBuffer",
+    "Py_BuildValue",
+)
+"""Functions of Python's stable C interface, all that machine code here may refer to."""
+
+_FASTCALL = 0x80  # METH_FASTCALL
+
+
+class _Method(ctypes.Structure):
+    """``PyMethodDef``."""
+
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("code", ctypes.c_void_p),
+        ("flags", ctypes.c_int),
+        ("doc", ctypes.c_char_p),
+    )
+
+
+@cache
+def _engine() -> Any:
+    """LLVM's loader."""
+    with suppress(RuntimeError):  # newer versions initialise themselves, and say so
+        llvm.initialize()
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    for name in C_FUNCTIONS:
+        llvm.add_symbol(name, ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value)
+    machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(jit=True)
+    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+
+
+def function(code: bytes, name: str) -> Callable[..., Any]:
+    """Load an object file and return its function `name`, a ``METH_FASTCALL`` function of Python's C interface."""
+    engine = _engine()
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    method = _Method(name.encode(), engine.get_function_address(name), _FASTCALL, None)
+    prototype = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
+    make = prototype(("PyCFunction_NewEx", ctypes.pythonapi))
+    # The second argument is what Python's function object owns: it refers to all of this as long as it lives.
+    result: Callable[..., Any] = make(ctypes.addressof(method), (method, code, engine), None)
+    return result

@@ -1,0 +1,56 @@
+"""Kernels as Numba wants to see them."""
+
+# mypy: allow-untyped-calls
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import FunctionType
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numba import from_dtype, njit, types
+from numba.extending import intrinsic
+
+from . import Intrinsic, Kernel, Part
+
+__all__ = ["SETTINGS", "dispatcher", "function_for", "signature"]
+
+SETTINGS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+# NumPy's error model: a test for zero at every division would double the time to compile.
+
+
+def signature(kernel: Kernel) -> tuple[Any, ...]:
+    """Types of a kernel's parameters, from their annotations."""
+    hints = get_type_hints(kernel.py_func, include_extras=True)
+    code = kernel.py_func.__code__
+    return tuple(_type(hints[name]) for name in code.co_varnames[: code.co_argcount])
+
+
+def _type(hint: Any) -> Any:
+    if get_origin(hint) is not Annotated:
+        return from_dtype(np.dtype(hint))
+    array, ndim = get_args(hint)
+    element = get_args(get_args(array)[1])[0]
+    return types.Array(from_dtype(np.dtype(element)), ndim, "C")
+
+
+def function_for(kernel: Kernel, compiled: Callable[[Part], Any]) -> FunctionType:
+    """Kernel's function in a copy of its module in which all stand-ins are what they stand for."""
+    names = dict(kernel.py_func.__globals__)
+    for name, value in tuple(names.items()):
+        if isinstance(value, Intrinsic):
+            names[name] = intrinsic(value.py_func)
+        elif isinstance(value, Part):
+            names[name] = compiled(Part(_moved(value.py_func, names), value.options))
+    return _moved(kernel.py_func, names)
+
+
+def _moved(function: Callable[..., Any], names: dict[str, Any]) -> FunctionType:
+    return FunctionType(function.__code__, names, function.__name__, function.__defaults__, function.__closure__)
+
+
+def dispatcher(kernel: Kernel) -> Any:
+    """Compile a kernel in Numba's own way: it takes longer to load, and does the same."""
+    function = function_for(kernel, lambda part: njit(**{**SETTINGS, **part.options})(part.py_func))
+    decorate = njit([signature(kernel)], **{**SETTINGS, **kernel.options})
+    return decorate(function)

@@ -1,0 +1,265 @@
+"""From a kernel to its machine code, by Numba: what only compiling needs, so that a warm start need not import it.
+
+Numba makes and optimises the LLVM code of a function as ever. What differs is where it ends: in an object file, whose
+one entry Python can call. That entry reads its arguments through Python's buffer protocol and number functions, all
+of the stable C interface, so object code runs in any process that has LLVM's loader and no Numba.
+"""
+
+# mypy: allow-untyped-calls, allow-untyped-decorators, disable-error-code="misc"
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import _dynfunc, types  # type: ignore[attr-defined]
+from numba.core import cgutils, codegen, compiler, cpu, externals, fastmathpass, registry
+from numba.core.compiler_lock import global_compiler_lock
+from numba.np.arrayobj import populate_array
+
+from . import Kernel, Part
+from .loading import C_FUNCTIONS
+from .numba_function import SETTINGS, function_for, signature
+
+__all__ = ["object_code"]
+
+_POINTER = ir.IntType(8).as_pointer()
+_INT = ir.IntType(32)
+_SIZE = ir.IntType(64)
+_DOUBLE = ir.DoubleType()
+_BUFFER = ir.LiteralStructType([_POINTER, _POINTER, _SIZE, _SIZE, _INT, _INT, *[_POINTER] * 5])
+"""``Py_buffer``: buf, obj, len, itemsize, readonly, ndim, format, shape, strides, suboffsets, internal."""
+
+_CONTIGUOUS = 0x38 | 0x04
+"""``PyBUF_C_CONTIGUOUS | PyBUF_FORMAT``."""
+
+_SETTINGS: dict[str, Any] = {**SETTINGS, "_nrt": False}
+# Kernels allocate nothing, so nothing in them counts references.
+
+_C_FUNCTIONS = {
+    "PyObject_GetBuffer": ir.FunctionType(_INT, [_POINTER, _POINTER, _INT]),
+    "PyBuffer_Release": ir.FunctionType(ir.VoidType(), [_POINTER]),
+    "PyFloat_AsDouble": ir.FunctionType(_DOUBLE, [_POINTER]),
+    "PyLong_AsLongLong": ir.FunctionType(_SIZE, [_POINTER]),
+    "PyErr_Occurred": ir.FunctionType(_POINTER, []),
+    "PyErr_BadArgument": ir.FunctionType(_INT, []),
+    "PyEval_SaveThread": ir.FunctionType(_POINTER, []),
+    "PyEval_RestoreThread": ir.FunctionType(ir.VoidType(), [_POINTER]),
+    "Py_BuildValue": ir.FunctionType(_POINTER, [_POINTER], var_arg=True),
+}
+
+
+_ALLOWED = {*C_FUNCTIONS, "memcpy", "memmove", "memset"}
+
+
+class _Library(codegen.AOTCodeLibrary):
+    """Code of a kernel or of a part. It is optimised once, as a whole, when a kernel has got all its parts."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        defined = [function for function in self._final_module.functions if not function.is_declaration]
+        if self.name not in [function.name for function in defined]:
+            return
+        for function in defined:
+            if function.name != self.name:
+                function.linkage = "internal"
+        super()._optimize_final_module()
+
+
+class _Codegen(codegen.JITCPUCodegen):
+    """Code generator for this processor that does not load what it makes."""
+
+    _library_class: Any = _Library
+
+    def _add_module(self, module: Any) -> None:
+        pass
+
+
+class _Context(cpu.CPUContext):
+    """Numba's compiler for the processor, whose functions have our entry and no runtime of Numba's."""
+
+    @global_compiler_lock
+    def init(self) -> None:
+        self.is32bit = False
+        self._internal_codegen = _Codegen("hs_tracker_cv")
+        externals.c_math_functions.install(self)
+
+    def post_lowering(self, mod: Any, library: Any) -> None:
+        if self.fastmath:
+            fastmathpass.rewrite_module(mod, self.fastmath)
+
+    def create_cpython_wrapper(self, library: Any, fndesc: Any, *_: Any, **__: Any) -> None:
+        library.add_ir_module(_Entry(self, fndesc, library.name).module)
+
+    def get_executable(self, library: Any, fndesc: Any, env: Any) -> Any:
+        return _dynfunc.make_function(fndesc.lookup_module(), fndesc.qualname, "", 0, env, (library,))
+
+
+class _Target(registry.CPUTarget):
+    """Numba's CPU target with that compiler."""
+
+    @cached_property
+    def _toplevel_target_context(self) -> Any:
+        return _Context(self.typing_context, self._target_name)
+
+
+class _Dispatcher(registry.CPUDispatcher):
+    """Numba's dispatcher for parts of kernels, compiled for that target."""
+
+    targetdescr = _Target("cpu")
+
+
+class _Entry:
+    """LLVM module of a function `name` (self, arguments, count): a ``METH_FASTCALL`` function of Python's."""
+
+    def __init__(self, context: Any, fndesc: Any, name: str) -> None:
+        self.context = context
+        self.module = context.create_module("entry")
+        function = ir.Function(self.module, ir.FunctionType(_POINTER, [_POINTER, _POINTER, _SIZE]), name=name)
+        self.builder = ir.IRBuilder(function.append_basic_block("start"))
+        self.wrong = function.append_basic_block("wrong")
+        self.failed = function.append_basic_block("failed")
+        arrays = sum(isinstance(kind, types.Array) for kind in fndesc.argtypes)
+        room = self.builder.alloca(ir.ArrayType(_BUFFER, arrays))
+        self.builder.store(ir.Constant(room.type.pointee, None), room)  # what is not filled need not be released
+        self.buffers = [self.builder.gep(room, [_INT(0), _INT(i)]) for i in range(arrays)]
+        self._unless("==", function.args[2], _SIZE(len(fndesc.argtypes)), self.wrong)
+        result = self._run(fndesc, self._values(function.args[1], fndesc.argtypes))
+        self._release()
+        self.builder.ret(self._boxed(fndesc.restype, result))
+        self.builder.position_at_end(self.wrong)
+        self._call("PyErr_BadArgument")
+        self.builder.branch(self.failed)
+        self.builder.position_at_end(self.failed)
+        self._release()
+        self.builder.ret(_POINTER(None))
+
+    def _call(self, name: str, *arguments: Any) -> Any:
+        return self.builder.call(cgutils.get_or_insert_function(self.module, _C_FUNCTIONS[name], name), arguments)
+
+    def _unless(self, comparison: str, a: Any, b: Any, otherwise: Any) -> None:
+        """Go on if the comparison holds."""
+        further = self.builder.append_basic_block()
+        self.builder.cbranch(self.builder.icmp_unsigned(comparison, a, b), further, otherwise)
+        self.builder.position_at_end(further)
+
+    def _release(self) -> None:
+        for buffer in self.buffers:
+            self._call("PyBuffer_Release", self.builder.bitcast(buffer, _POINTER))
+
+    def _values(self, arguments: Any, kinds: Any) -> list[Any]:
+        """Convert Python's arguments to Numba's values."""
+        objects = self.builder.bitcast(arguments, _POINTER.as_pointer())
+        buffers = iter(self.buffers)
+        values = []
+        for index, kind in enumerate(kinds):
+            argument = self.builder.load(self.builder.gep(objects, [_SIZE(index)]))
+            if isinstance(kind, types.Array):
+                values.append(self._array(argument, kind, next(buffers)))
+            else:
+                values.append(self._number(argument, kind))
+        self._unless("==", self._call("PyErr_Occurred"), _POINTER(None), self.failed)
+        return values
+
+    def _number(self, argument: Any, kind: Any) -> Any:
+        if isinstance(kind, types.Float):
+            value = self._call("PyFloat_AsDouble", argument)
+            return value if kind.bitwidth == 64 else self.builder.fptrunc(value, ir.FloatType())
+        value = self._call("PyLong_AsLongLong", argument)
+        return self.builder.icmp_signed("!=", value, _SIZE(0)) if isinstance(kind, types.Boolean) else value
+
+    def _array(self, argument: Any, kind: Any, buffer: Any) -> Any:
+        builder, context = self.builder, self.context
+
+        def field(index: int) -> Any:
+            return builder.load(builder.gep(buffer, [_INT(0), _INT(index)]))
+
+        got = self._call("PyObject_GetBuffer", argument, builder.bitcast(buffer, _POINTER), _INT(_CONTIGUOUS))
+        self._unless("==", got, _INT(0), self.failed)
+        self._unless("==", field(5), _INT(kind.ndim), self.wrong)
+        letter, known = builder.load(field(6)), ir.IntType(1)(0)
+        for same in _letters(np.dtype(str(kind.dtype))):
+            known = builder.or_(known, builder.icmp_unsigned("==", letter, letter.type(ord(same))))
+        self._unless("==", known, ir.IntType(1)(1), self.wrong)
+        shape, strides = (
+            [
+                builder.load(builder.gep(builder.bitcast(field(i), _SIZE.as_pointer()), [_INT(k)]))
+                for k in range(kind.ndim)
+            ]
+            for i in (7, 8)
+        )
+        array = cgutils.create_struct_proxy(kind)(context, builder)
+        data = builder.bitcast(field(0), context.get_value_type(kind.dtype).as_pointer())
+        populate_array(array, data, shape, strides, kind.dtype.bitwidth // 8, None)
+        return array._getvalue()
+
+    def _run(self, fndesc: Any, values: list[Any]) -> Any:
+        """Call the function, without the interpreter's lock."""
+        convention = self.context.call_conv
+        function_type = convention.get_function_type(fndesc.restype, fndesc.argtypes)
+        function = ir.Function(self.module, function_type, fndesc.llvm_func_name)
+        thread = self._call("PyEval_SaveThread")
+        status, result = convention.call_function(
+            self.builder, function, fndesc.restype, fndesc.argtypes, values, attrs=("noinline",)
+        )
+        self._call("PyEval_RestoreThread", thread)
+        self._unless("==", status.is_error, ir.IntType(1)(0), self.wrong)
+        return result
+
+    def _boxed(self, kind: Any, value: Any) -> Any:
+        """Return a new Python object: a float, an integer, a tuple of such, or None."""
+        if isinstance(kind, (types.Tuple, types.UniTuple)):
+            kinds = list(kind.types)
+            values = [self.builder.extract_value(value, i) for i in range(len(kinds))]
+            template = "(" + "".join("d" if isinstance(one, types.Float) else "L" for one in kinds) + ")"
+        elif kind == types.none:
+            values, template = [], ""
+        else:
+            values, template = [value], "d" if isinstance(kind, types.Float) else "L"
+        return self._call("Py_BuildValue", self.context.insert_const_string(self.module, template), *values)
+
+
+def _letters(kind: Any) -> list[str]:
+    """Letters by which the buffer protocol names an element type: C has several names for one size."""
+    return [letter for letter in "?bBhHiIlLqQfd" if np.dtype(letter) == kind]
+
+
+def _part(part: Part) -> Any:
+    options = {**_SETTINGS, "nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **part.options}
+    return _Dispatcher(part.py_func, targetoptions=options)
+
+
+def object_code(kernel: Kernel, name: str) -> bytes:
+    """Compile a kernel to an object file with the function `name`."""
+    target = _Dispatcher.targetdescr
+    flags = compiler.Flags()
+    options = {**_SETTINGS, "nopython": True, "no_cfunc_wrapper": True, **kernel.options}
+    target.options.parse_as_flags(flags, options)
+    with global_compiler_lock:
+        result = compiler.compile_extra(
+            target.typing_context,
+            target.target_context,
+            function_for(kernel, _part),
+            args=signature(kernel),
+            return_type=None,
+            flags=flags,
+            locals={},
+            library=target.target_context.codegen().create_library(name),
+        )
+        library = result.library
+        code = bytes(library.emit_native_object())
+        foreign = {name for name in _called(library.get_llvm_str()) if not name.startswith("llvm.")} - _ALLOWED
+        if foreign:  # LLVM's loader would end the process for them
+            raise ValueError(f"{name} calls {', '.join(sorted(foreign))}")
+        return code
+
+
+def _called(code: str) -> set[str]:
+    """Names of the functions that LLVM code calls and does not define."""
+    return set(re.findall(r'\bcall [^@\n]*@"?([^"( ]+)', code)) - set(
+        re.findall(r'\ndefine [^@\n]*@"?([^"( ]+)', code)
+    )
