@@ -35,6 +35,16 @@ class Kernel:
         """Run the machine code; the interpreter is free for other threads meanwhile."""
         return self._run(*arguments)
 
+    def modules(self) -> list[str]:
+        """Names of the modules of which the machine code is made."""
+        names = {self.py_func.__module__}
+        for value in self.py_func.__globals__.values():
+            if isinstance(value, Part):
+                names.add(value.py_func.__module__)
+            elif isinstance(value, Intrinsic):
+                names.add(value.module)
+        return sorted(names)
+
     def _first_run(self, *arguments: Any) -> Any:
         with _LOCK:
             if self._run == self._first_run:
@@ -54,8 +64,20 @@ class Part:
         raise TypeError(f"{self.py_func.__name__} can only be called by a kernel")
 
 
-class Intrinsic(Part):
-    """An instruction for kernels: the function is what ``numba.extending.intrinsic`` wants."""
+class Intrinsic:
+    """An instruction for kernels.
+
+    When something is compiled, `make` returns what ``numba.extending.intrinsic`` wants; `module` is where that is
+    written.
+    """
+
+    def __init__(self, make: Callable[[], Callable[..., Any]], module: str) -> None:
+        self.make = make
+        self.module = module
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Refuse: it is not a function."""
+        raise TypeError("an instruction for kernels can only be called by a kernel")
 
 
 def kernel(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
@@ -80,7 +102,7 @@ def part(**options: Any) -> Callable[[Callable[..., Any]], Part]:
 
 def intrinsic(function: Callable[..., Any]) -> Intrinsic:
     """Mark a function that emits LLVM instructions for kernels; it imports what it needs of Numba when called."""
-    return Intrinsic(function, {})
+    return Intrinsic(lambda: function, function.__module__)
 
 
 @intrinsic
@@ -130,7 +152,7 @@ def _machine_code(kernel: Kernel) -> Callable[..., Any]:
     from . import cache, loading
 
     name = f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
-    place = cache.Entry(kernel.py_func)
+    place = cache.Entry(kernel)
     code = place.read()
     if code is None:
         from . import numba_function

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
@@ -14,6 +14,8 @@ from typing import Any
 
 import llvmlite  # type: ignore[import-untyped]
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
+from . import Kernel
 
 __all__ = ["Entry"]
 
@@ -24,16 +26,18 @@ _VARIABLES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_ENABLE_AVX", "NUMBA
 
 
 class Entry:
-    """The file of one function's machine code.
+    """The file of one kernel's machine code.
 
-    The file begins with a digest of the code and of all that it was made from: the sources of its module and of this
-    package. So a damaged file is as good as none, and one file is kept per function and machine, the latest. What
-    makes machines differ (processor, Python, Numba) is in the file's name, for those that share a directory.
+    The file begins with a digest of the code and of all that it was made from: the sources of the kernel and of this
+    package. So a damaged file is as good as none, and one file is kept per kernel and machine, the latest. What makes
+    machines differ (processor, Python, Numba) is in the file's name, for those that share a directory.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, kernel: Kernel) -> None:
+        function = kernel.py_func
         name = f"{function.__module__}.{function.__name__}"
-        self._sources = _module_bytes(function.__module__)
+        sources = [_module_bytes(module) for module in kernel.modules()]
+        self._sources = None if None in sources else b"".join(source or b"" for source in sources)
         digest = _DIGEST(_machine() + os.path.dirname(function.__code__.co_filename).encode()).hexdigest()
         self._file = f"{name}-{sys.implementation.cache_tag}-{digest[:16]}.bin"
         self._beside = Path(function.__code__.co_filename).parent
@@ -92,11 +96,11 @@ def _user_directory() -> Path:
 
 @cache
 def _module_bytes(name: str) -> bytes | None:
-    """Contents of a module's file, also one inside an archive; None if it has none."""
+    """Contents of a module's file, also of one inside an archive or not imported; None if it has none."""
     try:
-        module: Any = sys.modules[name]
-        data: bytes = module.__spec__.loader.get_data(module.__spec__.origin)
-    except (OSError, AttributeError, KeyError):
+        module: Any = find_spec(name)
+        data: bytes = module.loader.get_data(module.origin)
+    except (OSError, AttributeError, ValueError):
         return None
     return data
 
@@ -104,12 +108,8 @@ def _module_bytes(name: str) -> bytes | None:
 @cache
 def _own_bytes() -> bytes:
     """Contents of the modules that make machine code; read from disk, since importing them would import Numba."""
-    package: Any = sys.modules[__package__ or ""].__spec__
-    names = ("__init__.py", "object_code.py", "numba_function.py")
-    try:
-        return b"".join(package.loader.get_data(os.path.join(os.path.dirname(package.origin), n)) for n in names)
-    except OSError:  # compiled modules only
-        return b""
+    names = ("", ".object_code", ".numba_function")
+    return b"".join(_module_bytes(f"{__package__}{name}") or b"" for name in names)
 
 
 @cache

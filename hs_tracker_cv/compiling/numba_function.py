@@ -39,7 +39,7 @@ def function_for(kernel: Kernel, compiled: Callable[[Part], Any]) -> FunctionTyp
     names = dict(kernel.py_func.__globals__)
     for name, value in tuple(names.items()):
         if isinstance(value, Intrinsic):
-            names[name] = intrinsic(value.py_func)
+            names[name] = intrinsic(value.make())
         elif isinstance(value, Part):
             names[name] = compiled(Part(_moved(value.py_func, names), value.options))
     return _moved(kernel.py_func, names)

@@ -1,10 +1,10 @@
 """Formulas for all pixels of a plane, made into machine code that computes sixteen pixels at a time.
 
-A :func:`formula` is a Python function that says what to compute at one pixel. It is not compiled: it is *called*,
-once, while its caller is being compiled, and its parameters are then not numbers but descriptions of numbers to be:
-each operator of :class:`Lanes` appends a vector instruction to the program, and reading or writing :class:`Pixels` a
-load or a store. What is round it, the loops over rows and over blocks of :data:`LANES` pixels, is the same for all
-formulas and is written here. So a formula reads like the equation that it is, and
+A :func:`~.formula.formula` is a Python function that says what to compute at one pixel. It is not compiled: it is
+*called*, once, while its caller is being compiled, and its parameters are then not numbers but descriptions of
+numbers to be: each operator of :class:`Lanes` appends a vector instruction to the program, and reading or writing
+:class:`Pixels` a load or a store. What is round it, the loops over rows and over blocks of :data:`LANES` pixels, is
+the same for all formulas and is written here. So a formula reads like the equation that it is, and
 
 * runs at the processor's full width whether or not a compiler would have found out how to vectorise its loop,
 * takes a fraction of the time to compile, since there is nothing to find out.
@@ -29,16 +29,24 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from functools import partial
-from typing import Any, overload
+from typing import Any
 
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-__all__ = ["LANES", "Around", "Columns", "Index", "Lanes", "Pixels", "PixelsOfTwo", "formula", "interpolate_fours"]
+__all__ = [
+    "LANES",
+    "Around",
+    "Columns",
+    "Index",
+    "Lanes",
+    "Pixels",
+    "PixelsOfTwo",
+    "instruction",
+    "interpolate_fours",
+]
 
 LANES = 16
 """Pixels computed at a time: what AVX-512 holds; for narrower processors LLVM takes several instructions."""
@@ -216,33 +224,8 @@ PASSED = {"Pixels": types.uint64, "PixelsOfTwo": types.uint64, "Index": types.ui
 Formula = Callable[..., "Lanes | None"]
 
 
-@overload
-def formula(function: Formula) -> Any: ...
-@overload
-def formula(*, shared: Callable[..., list[Lanes]]) -> Callable[[Formula], Any]: ...
-def formula(function: Formula | None = None, *, shared: Callable[..., Any] | None = None) -> Any:
-    """Make a function that Numba can call of one that says what to compute at a pixel.
-
-    The new one takes the array, height, width and stride, and then the parameters of `function` by their annotations:
-    of :class:`Pixels` the index of the first pixel, of :class:`Index` a uint64, of :class:`Lanes` a float32, the same
-    for all pixels; :class:`Columns` and :class:`Around` are not passed. It returns the sum of what `function` returns
-    over all pixels, a float64, or nothing if that returns nothing.
-
-    Parameters
-    ----------
-    function : callable
-    shared : callable, optional
-        Returns values (Lanes) that the pixels to the right and to the left need as well. It is computed once for
-        each block, and `function` gets it, for this block and the two next to it, as its parameter of type
-        :class:`Around`. Its parameters are parameters of `function`, by name.
-    """
-    if function is None:
-        return partial(_intrinsic, shared)
-    return _intrinsic(shared, function)
-
-
-def _intrinsic(shared: Callable[..., list[Lanes]] | None, function: Formula) -> Any:
-    """Make the function that Numba calls."""
+def instruction(function: Formula, shared: Callable[..., list[Lanes]] | None) -> Callable[..., Any]:
+    """Make of a formula what Numba can call in a kernel, see :func:`~.formula.formula`."""
     kinds = {name: parameter.annotation for name, parameter in inspect.signature(function).parameters.items()}
     arguments = [PASSED[kind] for kind in kinds.values() if kind in PASSED]
     sums = inspect.signature(function).return_annotation == "Lanes"
@@ -261,7 +244,7 @@ def _intrinsic(shared: Callable[..., list[Lanes]] | None, function: Formula) -> 
     call.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in names]
     )
-    return intrinsic(call)
+    return call
 
 
 class _Loop:
@@ -393,7 +376,6 @@ def _sum(builder: Any, value: Any) -> Any:
     return builder.extract_element(value, ir.Constant(INT32, 0))
 
 
-@intrinsic
 def interpolate_fours(typing_context: Any, m: Any, fours: Any, table: Any, stride: Any, plane: Any, out: Any) -> Any:
     """Interpolate `plane`, four pixels at a time, at the places and with the weights that a table has.
 

@@ -11,7 +11,7 @@ round the plane are its ring, which :func:`pad` fills, and let each loop run wit
 makes rows begin at multiples of 16 elements, where the processor reads fastest. Indices are unsigned, since Numba
 then leaves out Python's wrap-around of negative ones; so every constant that meets an index is a uint64 as well.
 
-What is computed at each pixel is written as a :func:`.formulas.formula`, which is made into vector code.
+What is computed at each pixel is written as a :func:`.formula.formula`, which is made into vector code.
 
 Symbols are those of Horn & Schunck (1981, doi:10.1016/0004-3702(81)90024-2): derivatives F_x, F_y, F_t, flow (u, v).
 Planes that belong together (u and v; F_x, F_y and F_t) are `d` elements apart.
@@ -22,13 +22,16 @@ Planes that belong together (u and v; F_x, F_y and F_t) are `d` elements apart.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiling import kernel, part
-from .formulas import Around, Columns, Index, Lanes, Pixels, PixelsOfTwo, formula, interpolate_fours
+from .formula import formula, interpolate_fours
+
+if TYPE_CHECKING:  # the vector code is written when something is compiled
+    from .formulas import Around, Columns, Index, Lanes, Pixels, PixelsOfTwo
 
 __all__ = ["COLUMNS", "FACTORS", "run"]
 
