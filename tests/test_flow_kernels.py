@@ -10,11 +10,12 @@ import pytest
 
 from hs_tracker_cv.flow import derivatives, kernels, multigrid, pyramid, reference
 from hs_tracker_cv.flow.params import FlowParams
-from hs_tracker_cv.flow.program import ProgramWriter, area, origin, spare, stride
+from hs_tracker_cv.flow.program import ProgramWriter, area, origin, pixels, spare, stride
 
 H, W = 7, 21
 SHAPE = (H, W)
 SIZE = area(SHAPE)
+IMAGES = [np.zeros((0, 0, channels), np.float32) for channels in (1, 1, 2)]
 
 
 def memory(planes, seed=0, shape=SHAPE):
@@ -41,18 +42,39 @@ def run(m, code, size, *numbers, **options):
     """Run one step on the memory; return its sum."""
     writer = ProgramWriter()
     writer.add(code, size, *numbers, **options)
-    image = np.zeros((1, 1, 1), np.float32)
-    return writer.program().run(m, image, image, image)
+    return writer.program().run(m, *IMAGES)
 
 
-@pytest.mark.parametrize("depth", [1, 2])
-def test_pad_repeats_the_border(depth):
-    """The ring holds the nearest pixel, as deep as asked for, and is left alone beyond."""
+def test_pad_repeats_the_border():
+    """The ring holds the nearest pixel, and nothing is written beyond."""
     m, (a,) = memory(1)
     expected = m.copy()
-    inside(expected, a, depth)[...] = np.pad(inside(m, a).copy(), depth, mode="edge")
-    run(m, kernels.PAD, SHAPE, 0, a, rings=1, depth=depth)
+    pad(expected, a)
+    run(m, kernels.PAD, SHAPE, 0, a, rings=1)
     np.testing.assert_array_equal(m, expected)
+
+
+@pytest.mark.parametrize("width", [1, 7, 15, 16, 17, 33])
+def test_images_are_copied_in_and_out(width):
+    """What is finite of frames and flow comes into planes, and the flow out of them; nothing beyond is written."""
+    shape = (3, width)
+    rng = np.random.default_rng(4)
+    frames = rng.uniform(0, 255, (2, *shape, 1)).astype(np.float32)
+    room = rng.uniform(-9, 9, (4, width, 2)).astype(np.float32)
+    flow, beyond = room[:3], room[3].copy()
+    frames[1, 1, 0], flow[2, 0, 1] = np.nan, -np.inf
+    expected = [*frames[..., 0], *np.moveaxis(flow, -1, 0)]
+    m, planes = memory(4, shape=shape)
+    writer = ProgramWriter()
+    for i in range(2):
+        writer.load(i, planes[i], shape)
+    writer.load_flow(planes[2], area(shape), shape)
+    writer.store_flow(planes[2], area(shape), shape)
+    writer.program().run(m, *frames, flow)
+    for plane, image in zip(planes, expected, strict=True):
+        np.testing.assert_array_equal(pixels(m, plane, shape), np.nan_to_num(image, posinf=0.0, neginf=0.0))
+    np.testing.assert_array_equal(flow, np.stack([pixels(m, plane, shape) for plane in planes[2:]], axis=-1))
+    np.testing.assert_array_equal(room[3], beyond)
 
 
 def test_rings_of_zeros_of_several_planes():
@@ -61,7 +83,7 @@ def test_rings_of_zeros_of_several_planes():
     expected = m.copy()
     for plane in planes:
         inside(expected, plane, 2)[...] = np.pad(inside(m, plane).copy(), 2)
-    run(m, kernels.PAD, SHAPE, 0, planes[0], 0, SIZE, rings=3, depth=2, zero=True)
+    run(m, kernels.PAD, SHAPE, 0, planes[0], 0, SIZE, rings=3, zero=True)
     np.testing.assert_array_equal(m, expected)
 
 
@@ -89,7 +111,7 @@ def test_median_equals_opencv(size):
     """The sorting network's median is cv2.medianBlur's, the border repeated."""
     m, (a, b) = memory(2)
     image = inside(m, a).copy()
-    run(m, kernels.PAD, SHAPE, 0, a, rings=1, depth=2)
+    pad(m, a)
     run(m, kernels.MEDIAN, SHAPE, a, b, e=size)
     np.testing.assert_array_equal(inside(m, b), cv2.medianBlur(image, size))
 
@@ -110,8 +132,7 @@ def test_repeated_sweeps_change_places(repeat):
         u, v = reference.average(u), reference.average(v)
         t = gx * u + gy * v + gt
         u, v = u - gx * t, v - gy * t
-    image = np.zeros((1, 1, 1), np.float32)
-    writer.program().run(m, image, image, image)
+    writer.program().run(m, *IMAGES)
     np.testing.assert_allclose(inside(m, result), u, rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(inside(m, result + SIZE), v, rtol=1e-4, atol=1e-5)
 
@@ -164,11 +185,12 @@ def test_restriction_sums_and_prolongation_keeps_constants():
     inside(m, a, 1)[...] = np.pad(np.ones(fine), 1)
     inside(m, c)[...] = 0.0
     expected = np.pad(np.ones(fine), ((0, 1), (0, 1))).reshape(coarse[0], 2, coarse[1], 2).sum(axis=(1, 3))
-    run(m, kernels.RESTRICT, coarse, a, b, e=W)
+    run(m, kernels.RESTRICT, coarse, a, b, source_width=W)
     np.testing.assert_array_equal(inside(m, b, shape=coarse), expected)
     inside(m, b, 1, shape=coarse)[...] = 4.0
-    run(m, kernels.PROLONG, fine, b, c, e=coarse[1])
-    np.testing.assert_allclose(inside(m, c), 4.0)
+    for keep, result in ((0.0, 4.0), (1.0, 8.0)):
+        run(m, kernels.PROLONG, fine, b, c, source_width=coarse[1], factors=(keep,))
+        np.testing.assert_allclose(inside(m, c), result)
 
 
 def test_coarse_system_is_the_sum_of_products():
@@ -177,7 +199,7 @@ def test_coarse_system_is_the_sum_of_products():
     run(m, kernels.PAD, SHAPE, 0, f[0], 0, SIZE, rings=3, zero=True)
     fx, fy, ft = (np.pad(inside(m, plane), ((0, 1), (0, 1))) for plane in f)
     coarse = (H // 2 + 1, W // 2 + 1)
-    run(m, kernels.PROJECT, coarse, f[0], b, 0, SIZE, W, area(coarse), factors=(0.5,))
+    run(m, kernels.PROJECT, coarse, f[0], b, 0, SIZE, area(coarse), source_width=W, factors=(0.5,))
     for i, product in enumerate((fx * fx, fx * fy, fy * fy, -ft * fx, -ft * fy)):
         plane = inside(m, b + i * area(coarse), shape=coarse)
         expected = 0.5 * (product[::2, ::2] + product[1::2, ::2] + product[::2, 1::2] + product[1::2, 1::2])

@@ -23,11 +23,17 @@ def formula(*, shared: Callable[..., list[Lanes]]) -> Callable[[Formula], Intrin
 def formula(function: Formula | None = None, *, shared: Callable[..., Any] | None = None) -> Any:
     """Make a function that kernels can call of one that says what to compute at a pixel.
 
-    The new one takes the array, height, width and stride, and then the parameters of `function` by their annotations:
-    of :class:`.formulas.Pixels` the index of the first pixel, of :class:`.formulas.Index` a uint64, of
-    :class:`.formulas.Lanes` a float32, the same for all pixels; :class:`.formulas.Columns` and
-    :class:`.formulas.Around` are not passed. It returns the sum over all pixels of what `function` returns, a
-    float64, or nothing if that returns nothing.
+    The new one takes the array, height, width and stride, and then for each parameter of `function`, by its
+    annotation, a class of :mod:`.formulas`:
+
+    * Pixels: the index of a plane's first pixel, uint64;
+    * PixelsOfTwo, a plane of twice the resolution: the same, its stride and its width;
+    * Index: a uint64;
+    * Lanes: a float32, the same for all pixels;
+    * Image and ImageOfTwo: a float32 array (height, width, 1) and (height, width, 2);
+    * Columns and Around: nothing.
+
+    It returns the sum over all pixels of what `function` returns, a float64, or nothing if that returns nothing.
 
     Parameters
     ----------

@@ -40,6 +40,8 @@ __all__ = [
     "LANES",
     "Around",
     "Columns",
+    "Image",
+    "ImageOfTwo",
     "Index",
     "Lanes",
     "Pixels",
@@ -59,6 +61,7 @@ FLOAT = ir.FloatType()
 INT32 = ir.IntType(32)
 INT64 = ir.IntType(64)
 FLOATS = ir.VectorType(FLOAT, LANES)
+PAIRS = ir.VectorType(FLOAT, 2 * LANES)
 DOUBLES = ir.VectorType(ir.DoubleType(), LANES)
 
 
@@ -119,6 +122,12 @@ class Lanes:
         chosen = self.builder.fcmp_ordered(comparison, self.value, value)
         return Lanes(self.builder, self.builder.select(chosen, self.value, value))
 
+    def or_zero(self) -> Lanes:
+        """Value if it is finite, in so far as a hundred million times less than the largest float is, else 0."""
+        size = self._call("llvm.fabs")
+        chosen = self.builder.fcmp_ordered("<", size.value, self._of(1e30))
+        return Lanes(self.builder, self.builder.select(chosen, self.value, self._of(0.0)))
+
     def equals(self, other: Lanes) -> Lanes:
         """1 where the two are equal, else 0."""
         equal = self.builder.fcmp_ordered("==", self.value, other.value)
@@ -156,51 +165,79 @@ class Index:
 class Pixels:
     """A plane as seen from the pixels of a block: `plane[offset]` are the values that many elements further on."""
 
-    def __init__(self, builder: Any, data: Any, place: Any, x: Any, width: Any) -> None:
+    def __init__(self, builder: Any, pointer: Any, room: Any) -> None:
         self.builder = builder
-        self.data = data
-        self.place = place  # index of the block's first pixel
-        self.x = x  # number of that pixel in its row
-        self.width = width
+        self.pointer = pointer  # to the block's first pixel
+        self.room = room  # pixels from there to the end of the row
 
-    def _pointer(self, offset: Index | int, kind: Any) -> Any:
-        at = self.builder.add(self.place, _whole(offset))
-        return self.builder.bitcast(cgutils.gep(self.builder, self.data, at), kind.as_pointer())
+    def _at(self, offset: Index | int, kind: Any) -> Any:
+        place = self.builder.gep(self.pointer, [_whole(offset)])
+        return self.builder.bitcast(place, kind.as_pointer())
 
     def __getitem__(self, offset: Index | int) -> Lanes:
-        return Lanes(self.builder, self.builder.load(self._pointer(offset, FLOATS), align=4))
+        return Lanes(self.builder, self.builder.load(self._at(offset, FLOATS), align=4))
 
     def __setitem__(self, offset: Index | int, value: Lanes) -> None:
-        self._store(self._pointer(offset, FLOATS), value.value, self.builder.sub(self.width, self.x))
+        self._store(self._at(offset, FLOATS), value.value)
 
-    def _store(self, pointer: Any, value: Any, room: Any) -> None:
+    def _store(self, place: Any, value: Any) -> None:
         """Store as many values as there is room for, and otherwise what is there already."""
-        inside = _inside(self.builder, room, value.type.count)
-        old = self.builder.load(pointer, align=4)
-        self.builder.store(self.builder.select(inside, value, old), pointer, align=4)
+        inside = _inside(self.builder, self.room, value.type.count)
+        old = self.builder.load(place, align=4)
+        self.builder.store(self.builder.select(inside, value, old), place, align=4)
 
 
 class PixelsOfTwo(Pixels):
-    """A plane of twice the resolution: from pixel x of a row one sees its pixels 2 x and 2 x + 1.
+    """A plane of twice the resolution, at whose pixel (2 y, 2 x) one is. Its pixels come and go as pairs."""
 
-    Both are taken or given as a pair. Only formulas that do a single row may have one, since rows here are as far
-    apart as in the other planes.
-    """
+    def __init__(self, builder: Any, pointer: Any, room: Any, stride: Index) -> None:
+        super().__init__(builder, pointer, room)
+        self.stride = stride
 
     def pair(self, offset: Index | int) -> tuple[Lanes, Lanes]:
         """Even and odd values that begin `offset` elements further on."""
-        pixels = self.builder.load(self._pointer(offset, ir.VectorType(FLOAT, 2 * LANES)), align=4)
-        even, odd = (_shuffle(self.builder, pixels, pixels, range(i, 2 * LANES, 2)) for i in (0, 1))
-        return Lanes(self.builder, even), Lanes(self.builder, odd)
+        return _apart(self.builder, self.builder.load(self._at(offset, PAIRS), align=4))
 
-    def add(self, even: Lanes, odd: Lanes, width: Index) -> None:
-        """Add to both; `width` is that of the row of this plane, which may be odd."""
-        order = [i // 2 + i % 2 * LANES for i in range(2 * LANES)]
-        pointer = self._pointer(0, ir.VectorType(FLOAT, 2 * LANES))
-        sums = self.builder.fadd(
-            self.builder.load(pointer, align=4), _shuffle(self.builder, even.value, odd.value, order), flags=FLAGS
-        )
-        self._store(pointer, sums, self.builder.sub(width.value, self.builder.add(self.x, self.x)))
+    def set_pair(self, offset: Index | int, even: Lanes, odd: Lanes) -> None:
+        """Write both."""
+        self._store(self._at(offset, PAIRS), _together(even, odd))
+
+
+class Image(Pixels):
+    """An image (height, width, 1), as seen from the pixels of a block: `image[0]`. There is no room round it.
+
+    So only what is inside is read or written, which makes slower instructions on some processors.
+    """
+
+    def __getitem__(self, offset: Index | int) -> Lanes:
+        return Lanes(self.builder, self._load(self._at(offset, FLOATS), FLOATS))
+
+    def _load(self, place: Any, kind: Any) -> Any:
+        inside = _inside(self.builder, self.room, kind.count)
+        name = f"llvm.masked.load.v{kind.count}f32.p0v{kind.count}f32"
+        function = ir.FunctionType(kind, (place.type, INT32, inside.type, kind))
+        function = cgutils.get_or_insert_function(self.builder.module, function, name)
+        zeros = ir.Constant(kind, [0.0] * kind.count)
+        return self.builder.call(function, (place, ir.Constant(INT32, 4), inside, zeros))
+
+    def _store(self, place: Any, value: Any) -> None:
+        inside = _inside(self.builder, self.room, value.type.count)
+        name = f"llvm.masked.store.v{value.type.count}f32.p0v{value.type.count}f32"
+        function = ir.FunctionType(ir.VoidType(), (value.type, place.type, INT32, inside.type))
+        function = cgutils.get_or_insert_function(self.builder.module, function, name)
+        self.builder.call(function, (value, place, ir.Constant(INT32, 4), inside))
+
+
+class ImageOfTwo(Image):
+    """An image (height, width, 2), like the flow: `image.pair()` are the values of both channels."""
+
+    def pair(self) -> tuple[Lanes, Lanes]:
+        """Both channels."""
+        return _apart(self.builder, self._load(self._at(0, PAIRS), PAIRS))
+
+    def set_pair(self, first: Lanes, second: Lanes) -> None:
+        """Write both channels."""
+        self._store(self._at(0, PAIRS), _together(first, second))
 
 
 class Around:
@@ -218,28 +255,37 @@ class Around:
         return self.here[i].joined(self.after[i], x) if x else self.here[i]
 
 
-PASSED = {"Pixels": types.uint64, "PixelsOfTwo": types.uint64, "Index": types.uint64, "Lanes": types.float32}
-"""What Numba passes for a parameter of a formula, by its annotation; parameters of other types are not passed."""
+PARTS = {"Pixels": 1, "PixelsOfTwo": 3, "Index": 1, "Lanes": 1, "Image": 1, "ImageOfTwo": 1}
+"""How many arguments are passed for a parameter of a formula, by its annotation; for other types none."""
 
 Formula = Callable[..., "Lanes | None"]
+Shared = Callable[..., list[Lanes]]
 
 
-def instruction(function: Formula, shared: Callable[..., list[Lanes]] | None) -> Callable[..., Any]:
+def instruction(function: Formula, shared: Shared | None) -> Callable[..., Any]:
     """Make of a formula what Numba can call in a kernel, see :func:`~.formula.formula`."""
     kinds = {name: parameter.annotation for name, parameter in inspect.signature(function).parameters.items()}
-    arguments = [PASSED[kind] for kind in kinds.values() if kind in PASSED]
     sums = inspect.signature(function).return_annotation == "Lanes"
 
     def call(typing_context: Any, m: Any, height: Any, width: Any, stride: Any, *rest: Any) -> Any:
         def emit(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-            data = make_array(signature.args[0])(context, builder, values[0]).data
-            total = _Loop(builder, data, values[1:4], function, shared, kinds, values[4:]).emit()
+            total = _Loops(context, builder, signature.args, values, kinds).write(function, shared)
             return total if sums else context.get_dummy_value()
 
+        arguments: list[Any] = []
+        for kind in kinds.values():
+            if kind == "Lanes":
+                arguments.append(types.float32)
+            elif kind in ("Image", "ImageOfTwo"):
+                arguments.append(rest[len(arguments)])
+            else:
+                arguments += [types.uint64] * PARTS.get(kind, 0)
         result = types.float64 if sums else types.void
         return result(m, types.uint64, types.uint64, types.uint64, *arguments), emit
 
-    names = ("typing_context", "m", "height", "width", "stride", *(name for name in kinds if kinds[name] in PASSED))
+    names = ["typing_context", "m", "height", "width", "stride"]
+    for name, kind in kinds.items():
+        names += [f"{name}_{i}" for i in range(PARTS.get(kind, 0))]
     call.__name__ = function.__name__
     call.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in names]
@@ -247,100 +293,109 @@ def instruction(function: Formula, shared: Callable[..., list[Lanes]] | None) ->
     return call
 
 
-class _Loop:
-    """Writes the loops over rows and blocks, with the formula inside."""
+class _Loops:
+    """The loops over rows and blocks round a formula; `kinds` are the types of its parameters by name."""
 
-    def __init__(
-        self,
-        builder: Any,
-        data: Any,
-        shape: Any,
-        function: Callable[..., Lanes | None],
-        shared: Callable[..., Any] | None,
-        kinds: dict[str, str],
-        values: Any,
-    ) -> None:
+    def __init__(self, context: Any, builder: Any, kinds_of_values: Any, values: Any, kinds: dict[str, str]) -> None:
         self.builder = builder
-        self.data = data
-        self.height, self.width, self.stride = shape
-        self.function = function
-        self.shared = shared
+        self.data = make_array(kinds_of_values[0])(context, builder, values[0]).data
+        self.height, self.width, self.stride = values[1:4]
         self.kinds = kinds
-        passed = [name for name, kind in kinds.items() if kind in PASSED]
-        self.values = dict(zip(passed, values, strict=True))
+        self.values: dict[str, Any] = {}
+        rest = list(zip(kinds_of_values[4:], values[4:], strict=True))
         for name, kind in kinds.items():
+            if kind in ("Columns", "Around"):
+                continue
+            numba_type, value = rest.pop(0)
             if kind == "Lanes":
-                self.values[name] = _all_lanes(builder, self.values[name], FLOATS)
+                value = _all_lanes(builder, value, FLOATS)
+            elif kind in ("Image", "ImageOfTwo"):
+                value = make_array(numba_type)(context, builder, value).data
+            elif kind == "PixelsOfTwo":
+                value = (value, rest.pop(0)[1], rest.pop(0)[1])
+            self.values[name] = value
 
-    def emit(self) -> Any:
-        """Write it; return the sum."""
+    def write(self, function: Formula, shared: Shared | None) -> Any:
+        """Write them with the formula inside; return the sum of what it returns."""
         builder = self.builder
+        nothing = ir.Constant(FLOATS, [0.0] * LANES)
         total = cgutils.alloca_once_value(builder, ir.Constant(DOUBLES, [0.0] * LANES))
         blocks = builder.udiv(builder.add(self.width, _whole(LANES - 1)), _whole(LANES))
         with cgutils.for_range(builder, self.height, intp=INT64) as rows:
-            row = builder.mul(rows.index, self.stride)
-            partial = cgutils.alloca_once_value(builder, ir.Constant(FLOATS, [0.0] * LANES))
-            builder.store(ir.Constant(FLOATS, [0.0] * LANES), partial)
-            around = self._begin(row)
+            y = rows.index
+            row_total = cgutils.alloca_once(builder, FLOATS)
+            builder.store(nothing, row_total)
+            places = self._begin(y, shared) if shared else []
             with cgutils.for_range(builder, blocks, intp=INT64) as columns:
                 x = builder.mul(columns.index, _whole(LANES))
-                result = self._at(row, x, around)
+                parameters = self._parameters(y, x)
+                if shared:
+                    parameters[self._name("Around")] = self._around(y, x, shared, places)
+                result = function(**parameters)
                 if result is not None:
                     inside = _inside(builder, builder.sub(self.width, x), LANES)
-                    counted = Lanes(builder, builder.select(inside, result.value, ir.Constant(FLOATS, [0.0] * LANES)))
-                    builder.store((counted + Lanes(builder, builder.load(partial))).value, partial)
-            wide = builder.fpext(builder.load(partial), DOUBLES)
+                    counted = builder.select(inside, result.value, nothing)
+                    builder.store(builder.fadd(builder.load(row_total), counted), row_total)
+            wide = builder.fpext(builder.load(row_total), DOUBLES)
             builder.store(builder.fadd(builder.load(total), wide), total)
         return _sum(builder, builder.load(total))
 
-    def _parameters(self, row: Any, x: Any, shift: int = 0) -> dict[str, Any]:
+    def _name(self, kind: str) -> str:
+        return next(name for name in self.kinds if self.kinds[name] == kind)
+
+    def _parameters(self, y: Any, x: Any, shift: int = 0) -> dict[str, Any]:
         """Return what the formula is called with at one block, or `shift` pixels to the right of it."""
+        return {
+            name: self._parameter(kind, self.values.get(name), y, x, shift)
+            for name, kind in self.kinds.items()
+            if kind != "Around"
+        }
+
+    def _parameter(self, kind: str, value: Any, y: Any, x: Any, shift: int) -> Any:
         builder = self.builder
-        parameters: dict[str, Any] = {}
-        for name, kind in self.kinds.items():
-            if kind == "Columns":
-                first = _all_lanes(builder, builder.uitofp(x, FLOAT), FLOATS)
-                parameters[name] = Lanes(builder, first) + Lanes(builder, ir.Constant(FLOATS, list(range(LANES))))
-            elif kind == "Index":
-                parameters[name] = Index(builder, self.values[name])
-            elif kind == "Lanes":
-                parameters[name] = Lanes(builder, self.values[name])
-            elif kind == "Pixels":
-                place = builder.add(builder.add(self.values[name], row), builder.add(x, _whole(shift)))
-                parameters[name] = Pixels(builder, self.data, place, x, self.width)
-            elif kind == "PixelsOfTwo":
-                place = builder.add(self.values[name], builder.add(x, x))
-                parameters[name] = PixelsOfTwo(builder, self.data, place, x, self.width)
-        return parameters
+        room = builder.sub(self.width, x)
+        if kind == "Index":
+            return Index(builder, value)
+        if kind == "Lanes":
+            return Lanes(builder, value)
+        if kind == "Columns":
+            first = _all_lanes(builder, builder.uitofp(x, FLOAT), FLOATS)
+            return Lanes(builder, first) + Lanes(builder, ir.Constant(FLOATS, list(range(LANES))))
+        if kind == "PixelsOfTwo":
+            first, stride, width = value
+            row = builder.add(first, builder.mul(builder.add(y, y), stride))
+            two = builder.add(x, x)
+            pointer = builder.gep(builder.gep(self.data, [row]), [two])
+            return PixelsOfTwo(builder, pointer, builder.sub(width, two), Index(builder, stride))
+        if kind == "Pixels":
+            row = builder.gep(self.data, [builder.add(value, builder.mul(y, self.stride))])
+            return Pixels(builder, builder.gep(row, [builder.add(x, _whole(shift))]), room)
+        if kind == "Image":
+            return Image(builder, builder.gep(builder.gep(value, [builder.mul(y, self.width)]), [x]), room)
+        first = builder.gep(value, [builder.mul(builder.add(y, y), self.width)])
+        return ImageOfTwo(builder, builder.gep(first, [builder.add(x, x)]), builder.add(room, room))
 
-    def _share(self, row: Any, x: Any, shift: int) -> list[Lanes]:
+    def _share(self, y: Any, x: Any, shift: int, shared: Shared) -> list[Lanes]:
         """Call the shared function."""
-        assert self.shared is not None
-        parameters = self._parameters(row, x, shift)
-        return list(self.shared(**{name: parameters[name] for name in inspect.signature(self.shared).parameters}))
+        parameters = self._parameters(y, x, shift)
+        return shared(**{name: parameters[name] for name in inspect.signature(shared).parameters})
 
-    def _begin(self, row: Any) -> list[Any]:
+    def _begin(self, y: Any, shared: Shared) -> list[Any]:
         """Compute what is shared of the block before the row and of its first; return the places of both."""
-        if self.shared is None:
-            return []
-        first = [*self._share(row, _whole(0), -LANES), *self._share(row, _whole(0), 0)]
+        first = [*self._share(y, _whole(0), -LANES, shared), *self._share(y, _whole(0), 0, shared)]
         places = [cgutils.alloca_once(self.builder, FLOATS) for _ in first]
         for value, place in zip(first, places, strict=True):
             self.builder.store(value.value, place)
         return places
 
-    def _at(self, row: Any, x: Any, places: list[Any]) -> Lanes | None:
-        """Do one block."""
-        parameters = self._parameters(row, x)
-        if self.shared is not None:
-            known = [Lanes(self.builder, self.builder.load(place)) for place in places]
-            half = len(known) // 2
-            after = self._share(row, x, LANES)
-            for value, place in zip(known[half:] + after, places, strict=True):
-                self.builder.store(value.value, place)
-            name = next(name for name, kind in self.kinds.items() if kind == "Around")
-            parameters[name] = Around(known[:half], known[half:], after)
-        return self.function(**parameters)
+    def _around(self, y: Any, x: Any, shared: Shared, places: list[Any]) -> Around:
+        """Compute what is shared of the next block; what was that of this block moves on."""
+        known = [Lanes(self.builder, self.builder.load(place)) for place in places]
+        before, here = known[: len(known) // 2], known[len(known) // 2 :]
+        after = self._share(y, x, LANES, shared)
+        for value, place in zip(here + after, places, strict=True):
+            self.builder.store(value.value, place)
+        return Around(before, here, after)
 
 
 def _whole(value: Index | int) -> Any:
@@ -374,6 +429,18 @@ def _sum(builder: Any, value: Any) -> Any:
         low, high = (_shuffle(builder, value, value, range(i, i + half)) for i in (0, half))
         value = builder.fadd(low, high)
     return builder.extract_element(value, ir.Constant(INT32, 0))
+
+
+def _apart(builder: Any, pairs: Any) -> tuple[Lanes, Lanes]:
+    """Even and odd values of a vector."""
+    even, odd = (_shuffle(builder, pairs, pairs, range(i, 2 * LANES, 2)) for i in (0, 1))
+    return Lanes(builder, even), Lanes(builder, odd)
+
+
+def _together(even: Lanes, odd: Lanes) -> Any:
+    """Vector of values taken from both in turn."""
+    order = [i // 2 + i % 2 * LANES for i in range(2 * LANES)]
+    return _shuffle(even.builder, even.value, odd.value, order)
 
 
 def interpolate_fours(typing_context: Any, m: Any, fours: Any, table: Any, stride: Any, plane: Any, out: Any) -> Any:

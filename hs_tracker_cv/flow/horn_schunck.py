@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..frames import InputError, as_frame, crop, to_gray
 from . import multigrid, pyramid
 from .params import DERIVATIVES, FlowParams
+from .program import area, origin, pixels
 
 __all__ = ["FlowField", "HornSchunck", "derivatives", "normal_flow"]
 
@@ -276,11 +277,12 @@ def derivatives(I0: Any, I1: Any, derivative: str = "cube") -> tuple[Gray, Gray,
     first, second = _gray_pair(I0, I1, None)
     if first.shape != second.shape:
         raise InputError(f"expected two frames of one size, got {first.shape} and {second.shape}")
-    out = np.empty((*first.shape, 3), np.float32)
     levels = pyramid.slopes(first.shape[0], first.shape[1], derivative)
     memory = np.zeros(levels.memory, np.float32)
-    levels.program.run(memory, first[:, :, np.newaxis], second[:, :, np.newaxis], out)
-    fx, fy, ft = (np.ascontiguousarray(out[:, :, i]) for i in range(3))
+    no_flow = np.empty((0, 0, 2), np.float32)
+    levels.program.run(memory, first[:, :, np.newaxis], second[:, :, np.newaxis], no_flow)
+    size = levels.sizes[0]
+    fx, fy, ft = (pixels(memory, origin(size) + i * area(size), size).copy() for i in range(3))
     return fx, fy, ft
 
 

@@ -6,7 +6,7 @@ compile, and one cached file serves everything.
 
 All planes live in one flat float32 array, the workspace `m`, and a plane is named by the index of its first pixel:
 cutting array views would cost more to compile than all the arithmetic, and time at every call. Pixel (y, x) of plane
-`a`, h × w, is element a + y s + x, where s, the stride, is `w` and room for at least 16 elements more: two pixels
+`a`, h × w, is element a + y s + x, where s, the stride, is w and room for at least 16 elements more: two pixels
 round the plane are its ring, which :func:`pad` fills, and let each loop run without a branch at the border; the rest
 makes rows begin at multiples of 16 elements, where the processor reads fastest. Indices are unsigned, since Numba
 then leaves out Python's wrap-around of negative ones; so every constant that meets an index is a uint64 as well.
@@ -31,25 +31,25 @@ from ..compiling import kernel, part
 from .formula import formula, interpolate_fours
 
 if TYPE_CHECKING:  # the vector code is written when something is compiled
-    from .formulas import Around, Columns, Index, Lanes, Pixels, PixelsOfTwo
+    from .formulas import Around, Columns, Image, ImageOfTwo, Index, Lanes, Pixels, PixelsOfTwo
 
 __all__ = ["COLUMNS", "FACTORS", "run"]
 
 Steps = Annotated[NDArray[np.uint64], 2]
 Factors = Annotated[NDArray[np.float32], 2]
 Memory = Annotated[NDArray[np.float32], 1]
-Image = Annotated[NDArray[np.float32], 3]
+Frame = Annotated[NDArray[np.float32], 3]
 
 ZERO = np.uint64(0)
 ONE = np.uint64(1)
 TWO = np.uint64(2)
 THREE = np.uint64(3)
 FOUR = np.uint64(4)
-MARGIN = np.uint64(16)
 
 (
     LOAD,
-    STORE,
+    LOAD_FLOW,
+    STORE_FLOW,
     FILL,
     ADD,
     PAD,
@@ -64,11 +64,12 @@ MARGIN = np.uint64(16)
     PROJECT,
     RESTRICT,
     PROLONG,
-    COARSE,
-) = (np.uint64(i) for i in range(17))
+    COARSE_SWEEP,
+    COARSE_RESIDUAL,
+) = (np.uint64(i) for i in range(19))
 """What the first column of a program may hold; each is the function of :func:`run`'s branch."""
 
-COLUMNS = 12
+COLUMNS = 13
 """Columns of a program, see :func:`run`."""
 
 FACTORS = 5
@@ -86,46 +87,44 @@ def copy(a: Pixels, b: Pixels, factor: Lanes) -> None:
 
 
 @_inner
-def pad(m, a, depth, keep, h, w, s):
-    """Fill the ring of plane `a`, `depth` pixels deep, with the border pixels (`keep` 1) or with zeros (`keep` 0)."""
+def pad(m, a, keep, h, w, s):
+    """Fill the ring of plane `a` with the border pixels (`keep` 1) or with zeros (`keep` 0)."""
     for y in range(h):
         left = a + y * s
         right = left + w - ONE
         first = keep * m[left]
         last = keep * m[right]
         m[left - ONE] = first
+        m[left - TWO] = first
         m[right + ONE] = last
-        if depth == TWO:
-            m[left - TWO] = first
-            m[right + TWO] = last
-    top = a - depth
+        m[right + TWO] = last
+    top = a - TWO
     bottom = top + (h - ONE) * s
-    # first the rows next to the border: each of two has the border below or above it
-    for _ in range(depth):
-        copy(m, ONE, w + depth + depth, s, top, top - s, keep)
-        copy(m, ONE, w + depth + depth, s, bottom, bottom + s, keep)
+    for _ in range(TWO):  # the second time the row outside of the first one
+        copy(m, ONE, w + FOUR, s, top, top - s, keep)
+        copy(m, ONE, w + FOUR, s, bottom, bottom + s, keep)
         top -= s
         bottom += s
 
 
-@_inner
-def load(m, image, channel, a, s):
-    """Copy one channel of an (h, w, channels) image into plane `a`; what is not finite becomes 0."""
-    limit = np.float32(1e30)
-    for y in range(np.uint64(image.shape[0])):
-        row = a + y * s
-        for x in range(np.uint64(image.shape[1])):
-            value = image[y, x, channel]
-            m[row + x] = value if abs(value) < limit else np.float32(0.0)
+@formula
+def load(image: Image, a: Pixels) -> None:
+    """Copy an image into plane `a`; what is not finite becomes 0."""
+    a[0] = image[0].or_zero()
 
 
-@_inner
-def store(m, a, image, channel, s):
-    """Copy plane `a` into one channel of an (h, w, channels) image."""
-    for y in range(np.uint64(image.shape[0])):
-        row = a + y * s
-        for x in range(np.uint64(image.shape[1])):
-            image[y, x, channel] = m[row + x]
+@formula
+def load_pair(image: ImageOfTwo, a: Pixels, d: Index) -> None:
+    """Copy both channels of an image into a pair of planes; what is not finite becomes 0."""
+    u, v = image.pair()
+    a[0] = u.or_zero()
+    a[d] = v.or_zero()
+
+
+@formula
+def store_pair(a: Pixels, image: ImageOfTwo, d: Index) -> None:
+    """Copy a pair of planes into the channels of an image."""
+    image.set_pair(a[0], a[d])
 
 
 @formula
@@ -231,11 +230,11 @@ def sweep(
 
 
 @formula
-def blur_and_mix_rows(
-    a: Pixels, b: Pixels, s: Index, t0: Lanes, t1: Lanes, t2: Lanes, t3: Lanes, t4: Lanes, t5: Lanes
-) -> None:
-    """Weighted sum of six rows."""
-    b[0] = (t0 * a[0] + t1 * a[s] + t2 * a[2 * s]) + (t3 * a[3 * s] + t4 * a[4 * s] + t5 * a[5 * s])
+def mix_blurred_rows(a: Pixels, b: Pixels, s: Index, f: Lanes, g: Lanes, c0: Lanes, c1: Lanes, c2: Lanes) -> None:
+    """Weighted sum of two rows, both blurred by (c2, c1, c0, c1, c2) across: of six rows."""
+    upper = c0 * a[0] + c1 * (a[-s] + a[s]) + c2 * (a[-2 * s] + a[2 * s])
+    lower = c0 * a[s] + c1 * (a[0] + a[2 * s]) + c2 * (a[-s] + a[3 * s])
+    b[0] = g * upper + f * lower
 
 
 @formula
@@ -259,46 +258,31 @@ def positions(x: Columns, whole: Pixels, fraction: Pixels, step: Lanes) -> None:
 
 
 @_inner
-def resample(m, a, h, w, b, hb, wb, gain, c0, c1, c2, row):
+def resample(m, a, h, w, s, b, hb, wb, sb, gain, c0, c1, c2, row):
     """Resize plane `a` to plane `b` (centre-aligned, bilinear), times `gain`, after a blur by (c2, c1, c0, c1, c2).
 
     Only rows and columns that are used are blurred. `row` names room for four rows.
     """
-    s = stride(w)
-    sb = stride(wb)
     step_y = np.float32(h) / np.float32(hb)
     room = s + sb
     blurred = row + room
     whole = blurred + room
     fraction = whole + room
+    blur = c1 != np.float32(0.0)
     positions(m, ONE, wb, s, whole, fraction, np.float32(w) / np.float32(wb))
     for y in range(hb):
         p = (np.float32(y) + np.float32(0.5)) * step_y + np.float32(1.5)
         i = np.uint64(np.int64(p))
         f = (p - np.float32(i)) * gain
         g = gain - f
-        k = a + i * s - s - s - TWO  # of ring pixel −2, in the upper one of two rows
+        k = a + i * s - s - s  # the upper one of the two rows between which the new row lies
         out = b + y * sb
-        if c1 == np.float32(0.0):
-            mix_rows(m, ONE, w + FOUR, s, k, blurred - TWO, s, f, g)
-        else:
-            blur_and_mix_rows(
-                m,
-                ONE,
-                w + FOUR,
-                s,
-                k - s - s,
-                row - TWO,
-                s,
-                g * c2,
-                g * c1 + f * c2,
-                g * c0 + f * c1,
-                g * c1 + f * c0,
-                g * c2 + f * c1,
-                f * c2,
-            )
+        if blur:
+            mix_blurred_rows(m, ONE, w + FOUR, s, k - TWO, row - TWO, s, f, g, c0, c1, c2)
             blur_row(m, ONE, w, s, row, out if w == wb else blurred, c0, c1, c2)
-        if c1 == np.float32(0.0) or w != wb:
+        else:
+            mix_rows(m, ONE, w + FOUR, s, k - TWO, blurred - TWO, s, f, g)
+        if w != wb or not blur:
             for x in range(wb):
                 j = blurred + np.uint64(np.int64(m[whole + x])) - TWO
                 m[out + x] = m[j] + m[fraction + x] * (m[j + ONE] - m[j])
@@ -447,15 +431,15 @@ def residual(around: Around, u: Pixels, r: Pixels, f: Pixels, d: Index, s: Index
 
 
 @formula
-def project(f: PixelsOfTwo, b: Pixels, d: Index, s: Index, size: Index, weight: Lanes) -> None:
+def project(f: PixelsOfTwo, b: Pixels, d: Index, size: Index, weight: Lanes) -> None:
     """Sum `weight` · (F_x², F_x F_y, F_y², −F_t F_x, −F_t F_y) over 2 × 2 pixels into five planes, `size` apart.
 
     The ring of the derivatives' planes must hold zeros: what is missing at odd sizes counts as zero, or the system
     would lose its symmetry.
     """
-    fx, fy, ft = ([*f.pair(i), *f.pair(i + s)] for i in (0 * d, d, 2 * d))
+    fx, fy, ft = ([*f.pair(i), *f.pair(i + f.stride)] for i in (0 * d, d, 2 * d))
 
-    def total(p, q):
+    def total(p: list[Lanes], q: list[Lanes]) -> Lanes:
         return weight * (p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3])
 
     b[0] = total(fx, fx)
@@ -466,35 +450,46 @@ def project(f: PixelsOfTwo, b: Pixels, d: Index, s: Index, size: Index, weight: 
 
 
 @formula
-def restrict(p: PixelsOfTwo, b: Pixels, s: Index) -> None:
+def restrict(p: PixelsOfTwo, b: Pixels) -> None:
     """Sum plane `p` over 2 × 2 pixels (λ² falls by four, so the mean is multiplied by it).
 
     The ring of `p` must hold zeros, see :func:`project`.
     """
-    (p00, p01), (p10, p11) = p.pair(0), p.pair(s)
+    (p00, p01), (p10, p11) = p.pair(0), p.pair(p.stride)
     b[0] = (p00 + p01) + (p10 + p11)
 
 
-@formula
-def prolong(near: Pixels, far: Pixels, fine: PixelsOfTwo, fine_width: Index) -> None:
-    """Add to a fine row the bilinear interpolation of the nearest two coarse rows: weights (9, 3, 3, 1) / 16."""
-    left, here, right = (0.75 * near[x] + 0.25 * far[x] for x in (-1, 0, 1))
-    fine.add(0.75 * here + 0.25 * left, 0.75 * here + 0.25 * right, fine_width)
+def nearer_rows(a: Pixels, s: Index) -> list[Lanes]:
+    """Interpolate between a row and those above and below, a quarter of a pixel off."""
+    return [0.75 * a[0] + 0.25 * a[-s], 0.75 * a[0] + 0.25 * a[s]]
 
 
-def coarse_system(around: Around, j: Pixels, d: Index) -> tuple[list[Lanes], list[Lanes]]:
-    """(1 + jxx, jxy, 1 + jyy) and (b_u + ū, b_v + v̄)."""
-    ub, vb = averages(around)
-    return [1.0 + j[0], j[d], 1.0 + j[2 * d]], [j[3 * d] + ub, j[4 * d] + vb]
+@formula(shared=nearer_rows)
+def prolong(around: Around, a: Pixels, fine: PixelsOfTwo, s: Index, keep: Lanes) -> None:
+    """Add to a fine plane, times `keep`, the bilinear interpolation of plane `a`: weights (9, 3, 3, 1) / 16."""
+    for i, row in ((0, 0 * s), (1, fine.stride)):
+        even, odd = fine.pair(row)
+        here = 0.75 * around.at(i, 0)
+        fine.set_pair(
+            row, keep * even + (here + 0.25 * around.at(i, -1)), keep * odd + (here + 0.25 * around.at(i, 1))
+        )
+
+
+def coarse_matrix(j: Pixels, d: Index) -> list[Lanes]:
+    """1 + jxx, jxy and 1 + jyy."""
+    return [1.0 + j[0], j[d], 1.0 + j[2 * d]]
 
 
 @formula(shared=columns)
-def coarse_sweep(around: Around, u: Pixels, new: Pixels, j: Pixels, d: Index, s: Index) -> None:
-    """Do a Jacobi sweep on a coarse grid, of u − ū + J u = b.
+def coarse_sweep(around: Around, u: Pixels, new: Pixels, j: Pixels, d: Index, s: Index, keep: Lanes) -> None:
+    """Do a Jacobi sweep on a coarse grid, of u − ū + J u = b, from (u, v) times `keep`.
 
     J = (jxx, jxy, jyy) and b = (b_u, b_v) are five planes from `j`.
     """
-    (axx, axy, ayy), (ru, rv) = coarse_system(around, j, d)
+    ub, vb = averages(around)
+    axx, axy, ayy = coarse_matrix(j, d)
+    ru = j[3 * d] + keep * ub
+    rv = j[4 * d] + keep * vb
     scale = 1.0 / (axx * ayy - axy * axy)
     new[0] = scale * (ayy * ru - axy * rv)
     new[d] = scale * (axx * rv - axy * ru)
@@ -503,35 +498,29 @@ def coarse_sweep(around: Around, u: Pixels, new: Pixels, j: Pixels, d: Index, s:
 @formula(shared=columns)
 def coarse_residual(around: Around, u: Pixels, r: Pixels, j: Pixels, d: Index, s: Index) -> None:
     """Write the residual of the coarse system."""
-    (axx, axy, ayy), (ru, rv) = coarse_system(around, j, d)
-    r[0] = ru - (axx * u[0] + axy * u[d])
-    r[d] = rv - (axy * u[0] + ayy * u[d])
-
-
-@part(inline="always")
-def stride(w):
-    """Elements from one row of a plane to the next: a multiple of 16, at least 16 more than pixels.
-
-    An odd multiple, since rows that are a power of two apart would share a few lines of the cache.
-    """
-    return (((w + np.uint64(31)) >> FOUR) | ONE) << FOUR
+    ub, vb = averages(around)
+    axx, axy, ayy = coarse_matrix(j, d)
+    r[0] = (j[3 * d] + ub) - (axx * u[0] + axy * u[d])
+    r[d] = (j[4 * d] + vb) - (axy * u[0] + ayy * u[d])
 
 
 @kernel()
-def run(program: Steps, factors: Factors, m: Memory, frame0: Image, frame1: Image, flow: Image) -> float:
+def run(program: Steps, factors: Factors, m: Memory, frame0: Frame, frame1: Frame, flow: Frame) -> float:
     """Carry out a program; return the sum that the last step to compute one has left.
 
     Parameters
     ----------
     program : ndarray, shape (steps, COLUMNS), uint64
-        A step is: what to do; height and width of its result; planes a (read), b (written) and c; distance d of
-        planes that belong together; two more numbers e and f; how often to repeat, a and b changing places after
-        each turn; then the number of planes from b on whose ring is to be filled, how deep, and whether with zeros.
+        A step is: what to do; height, width and stride of its result; planes a (read), b (written) and c; distance d
+        of planes that belong together; two more numbers e and f; the stride t of what is read where that has another
+        size; how often to repeat, a and b changing places after each turn; then the number of planes from b on
+        whose ring is to be filled.
     factors : ndarray, shape (steps, FACTORS), float32
+        Numbers of a step; the last one multiplies what a ring is filled with.
     m : ndarray, shape (N,), float32
         The workspace.
     frame0, frame1 : ndarray, shape (H, W, 1), float32
-    flow : ndarray, shape (H, W, C), float32
+    flow : ndarray, shape (H, W, 2), float32
         Start field and result.
     """
     total = 0.0
@@ -540,26 +529,24 @@ def run(program: Steps, factors: Factors, m: Memory, frame0: Image, frame1: Imag
         code = program[step, 0]
         h = program[step, 1]
         w = program[step, 2]
-        a = program[step, 3]
-        b = program[step, 4]
-        c = program[step, 5]
-        d = program[step, 6]
-        e = program[step, 7]
-        f = program[step, 8]
+        s = program[step, 3]
+        a = program[step, 4]
+        b = program[step, 5]
+        c = program[step, 6]
+        d = program[step, 7]
+        e = program[step, 8]
+        f = program[step, 9]
+        t = program[step, 10]
         f0 = factors[step, 0]
         f1 = factors[step, 1]
-        s = stride(w)
         omega = one
-        for _ in range(program[step, 9]):
+        for _ in range(program[step, 11]):
             if code == LOAD:
-                image = frame0
-                if a == ONE:
-                    image = frame1
-                if a == TWO:
-                    image = flow
-                load(m, image, e, b, s)
-            elif code == STORE:
-                store(m, a, flow, e, s)
+                load(m, h, w, s, frame1 if a == ONE else frame0, b)
+            elif code == LOAD_FLOW:
+                load_pair(m, h, w, s, flow, b, d)
+            elif code == STORE_FLOW:
+                store_pair(m, h, w, s, a, flow, d)
             elif code == FILL:
                 fill(m, ONE, a, ZERO, b, f0)
             elif code == ADD:
@@ -576,7 +563,7 @@ def run(program: Steps, factors: Factors, m: Memory, frame0: Image, frame1: Imag
                 sweep(m, h, w, s, a, b, c, d, s, one - omega, omega * (one - f0), omega * f0)
                 omega = one / (one - f1 * omega if omega != one else one - f1 - f1)
             elif code == RESAMPLE:
-                resample(m, a, e, f, b, h, w, f0, f1, factors[step, 2], factors[step, 3], c)
+                resample(m, a, e, f, t, b, h, w, s, f0, f1, factors[step, 2], factors[step, 3], c)
             elif code == WARP:
                 warp(m, a, b, c, d, e, f, h, w, s)
             elif code == MEDIAN:
@@ -590,24 +577,16 @@ def run(program: Steps, factors: Factors, m: Memory, frame0: Image, frame1: Imag
             elif code == RESIDUAL:
                 total = residual(m, h, w, s, a, b, c, d, s, f0)
             elif code == PROJECT:
-                fine = stride(e)
-                for y in range(h):
-                    project(m, ONE, w, s, a + (y + y) * fine, b + y * s, d, fine, f, f0)
+                project(m, h, w, s, a, t, ZERO, b, d, e, f0)
             elif code == RESTRICT:
-                fine = stride(e)
-                for y in range(h):
-                    restrict(m, ONE, w, s, a + (y + y) * fine, b + y * s, fine)
+                restrict(m, h, w, s, a, t, ZERO, b)
             elif code == PROLONG:
-                coarse = stride(e)
-                for y in range(h):
-                    near = a + (y >> ONE) * coarse
-                    prolong(m, ONE, e, s, near, near + coarse if y & ONE == ONE else near - coarse, b + y * s, w)
-            elif code == COARSE:
-                if e == ONE:
-                    coarse_sweep(m, h, w, s, a, b, c, d, s)
-                else:
-                    coarse_residual(m, h, w, s, a, b, c, d, s)
-            for plane in range(program[step, 10]):
-                pad(m, b + plane * d, program[step, 11], factors[step, 4], h, w, s)
+                prolong(m, (h + ONE) >> ONE, (w + ONE) >> ONE, t, a, b, s, w, t, f0)
+            elif code == COARSE_SWEEP:
+                coarse_sweep(m, h, w, s, a, b, c, d, s, f0)
+            elif code == COARSE_RESIDUAL:
+                coarse_residual(m, h, w, s, a, b, c, d, s)
+            for plane in range(program[step, 12]):
+                pad(m, b + plane * d, factors[step, 4], h, w, s)
             a, b = b, a
     return total

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,29 +82,26 @@ class _Grids:
         """Program for the finest system and the coarse ones; its sum is that of the squared right-hand side."""
         writer = ProgramWriter()
         for frame in range(2):
-            writer.load(frame, 0, self.other + frame * self.d, self.size)
+            writer.load(frame, self.other + frame * self.d, self.size)
         first, second = self.other, self.other + self.d
         writer.add(kernels.DERIVE, self.size, first, self.slopes, second, self.d, int(self.five), rings=3, zero=True)
         writer.add(kernels.SCALE, self.size, self.slopes, self.scaled, 0, self.d, factors=(self.smoothness,))
         for level in range(1, len(self.sizes)):
             coarse, fine, base = self.sizes[level], self.sizes[level - 1], self.bases[level]
             if level == 1:
-                factors = (self.weight,)
-                writer.add(
-                    kernels.PROJECT, coarse, self.slopes, base, 0, self.d, fine[1], area(coarse), factors=factors
-                )
+                numbers = self.slopes, base, 0, self.d, area(coarse)
+                writer.add(kernels.PROJECT, coarse, *numbers, source_width=fine[1], factors=(self.weight,))
             else:
                 for i in range(5):
                     source = self.bases[level - 1] + i * area(fine)
-                    writer.add(kernels.RESTRICT, coarse, source, base + i * area(coarse), e=fine[1])
+                    writer.add(kernels.RESTRICT, coarse, source, base + i * area(coarse), source_width=fine[1])
             writer.add(kernels.PAD, coarse, 0, base, 0, area(coarse), rings=5, zero=True)
         return writer.program()
 
     def guess(self) -> Program:
         """Program that loads a first guess."""
         writer = ProgramWriter()
-        for channel in range(2):
-            writer.load(2, channel, self.pair + channel * self.d, self.size)
+        writer.load_flow(self.pair, self.d, self.size)
         return writer.program()
 
     def full(self) -> Program:
@@ -114,9 +111,7 @@ class _Grids:
             writer.clear(self.pair, self.d, self.size)
         for level in reversed(range(1, len(self.sizes))):
             self._cycle(writer, level, guessed=level + 1 < len(self.sizes))
-            target = self._pair(level - 1)
-            writer.clear(target, area(self.sizes[level - 1]), self.sizes[level - 1])
-            self._prolong(writer, level, target)
+            self._prolong(writer, level, self._pair(level - 1), add=False)
         return writer.program()
 
     def cycle(self) -> Program:
@@ -142,7 +137,7 @@ class _Grids:
     def finish(self) -> Program:
         """Program that stores the flow."""
         writer = ProgramWriter()
-        writer.store(self.pair, self.d, self.size)
+        writer.store_flow(self.pair, self.d, self.size)
         return writer.program()
 
     def _cycle(self, writer: ProgramWriter, first: int, *, guessed: bool) -> None:
@@ -150,18 +145,16 @@ class _Grids:
         top = len(self.sizes) - 1
         for level in range(first, top):
             pair, other = self._pair(level), self._pair(level, 1)
-            if not guessed or level > first:
-                writer.clear(pair, area(self.sizes[level]), self.sizes[level])
-            self._coarse(writer, level, pair, other)
-            self._coarse(writer, level, other, pair, solve=False)
+            self._coarse_sweep(writer, level, pair, other, guessed=guessed and level == first)
+            self._coarse_residual(writer, level, other, pair)
             self._restrict(writer, level, pair)
         pair, other = self._pair(top), self._pair(top, 1)
         writer.clear(pair, area(self.sizes[top]), self.sizes[top])
-        self._coarse(writer, top, pair, other, repeat=8)
+        self._coarse_sweep(writer, top, pair, other, repeat=8)
         for level in reversed(range(first, top)):
             pair, other = self._pair(level), self._pair(level, 1)
             self._prolong(writer, level + 1, other)
-            self._coarse(writer, level, other, pair)
+            self._coarse_sweep(writer, level, other, pair)
 
     def _pair(self, level: int, which: int = 0) -> int:
         """Return the first plane of a grid's pair of planes 0 or 1."""
@@ -174,36 +167,31 @@ class _Grids:
         factors = (self.weight,)
         writer.add(kernels.RESIDUAL, self.size, pair, out, self.slopes, self.d, factors=factors, rings=2, zero=True)
 
-    def _coarse(
-        self, writer: ProgramWriter, level: int, pair: int, out: int, *, solve: bool = True, repeat: int = 1
+    def _coarse_sweep(
+        self, writer: ProgramWriter, level: int, pair: int, out: int, *, guessed: bool = True, repeat: int = 1
     ) -> None:
         size, base = self.sizes[level], self.bases[level]
-        writer.add(
-            kernels.COARSE,
-            size,
-            pair,
-            out,
-            base,
-            area(size),
-            int(solve),
-            repeat=repeat,
-            rings=2,
-            zero=not solve,
-        )
+        options: Any = {"factors": (float(guessed),), "repeat": repeat, "rings": 2}
+        writer.add(kernels.COARSE_SWEEP, size, pair, out, base, area(size), **options)
+
+    def _coarse_residual(self, writer: ProgramWriter, level: int, pair: int, out: int) -> None:
+        size, base = self.sizes[level], self.bases[level]
+        writer.add(kernels.COARSE_RESIDUAL, size, pair, out, base, area(size), rings=2, zero=True)
 
     def _restrict(self, writer: ProgramWriter, level: int, pair: int) -> None:
         """Make the next coarser grid's right-hand side of the residual in `pair`."""
         fine, coarse = self.sizes[level], self.sizes[level + 1]
         for i in range(2):
             target = self.bases[level + 1] + (3 + i) * area(coarse)
-            writer.add(kernels.RESTRICT, coarse, pair + i * area(fine), target, e=fine[1])
+            writer.add(kernels.RESTRICT, coarse, pair + i * area(fine), target, source_width=fine[1])
 
-    def _prolong(self, writer: ProgramWriter, level: int, pair: int) -> None:
-        """Add a grid's solution to `pair` of the next finer one."""
+    def _prolong(self, writer: ProgramWriter, level: int, pair: int, *, add: bool = True) -> None:
+        """Add a grid's solution to `pair` of the next finer one, or make it that."""
         coarse, fine = self.sizes[level], self.sizes[level - 1]
+        options: Any = {"source_width": coarse[1], "factors": (float(add),), "rings": 1}
         for i in range(2):
             source = self._pair(level) + i * area(coarse)
-            writer.add(kernels.PROLONG, fine, source, pair + i * area(fine), e=coarse[1], rings=1)
+            writer.add(kernels.PROLONG, fine, source, pair + i * area(fine), **options)
 
 
 def solve(

@@ -64,14 +64,15 @@ class ProgramWriter:
         e: int = 0,
         f: int = 0,
         *,
+        source_width: int = 0,
         factors: tuple[float, ...] = (),
         repeat: int = 1,
         rings: int = 0,
-        depth: int = 1,
         zero: bool = False,
     ) -> None:
-        """Append a step; `rings` planes from `b` on have their ring filled, `depth` deep, from the border or by 0."""
-        self._steps.append((int(code), *size, a, b, c, d, e, f, repeat, rings, depth))
+        """Append a step; `rings` planes from `b` on have their ring filled, from the border or by 0."""
+        strides = stride(size[1]), stride(source_width)
+        self._steps.append((int(code), *size, strides[0], a, b, c, d, e, f, strides[1], repeat, rings))
         self._factors.append((*factors, *(0.0,) * (kernels.FACTORS - 1 - len(factors)), 0.0 if zero else 1.0))
 
     def program(self) -> Program:
@@ -79,14 +80,17 @@ class ProgramWriter:
         steps = np.array(self._steps, np.uint64).reshape(-1, kernels.COLUMNS)
         return Program(steps, np.array(self._factors, np.float32).reshape(-1, kernels.FACTORS))
 
-    def load(self, image: int, channel: int, plane: int, size: tuple[int, int]) -> None:
-        """Load a channel of frame 0, of frame 1 or (2) of the flow."""
-        self.add(kernels.LOAD, size, image, plane, e=channel, rings=1, depth=2)
+    def load(self, frame: int, plane: int, size: tuple[int, int]) -> None:
+        """Load frame 0 or 1."""
+        self.add(kernels.LOAD, size, frame, plane, rings=1)
 
-    def store(self, pair: int, d: int, size: tuple[int, int]) -> None:
+    def load_flow(self, pair: int, d: int, size: tuple[int, int]) -> None:
+        """Load the flow into a pair of planes."""
+        self.add(kernels.LOAD_FLOW, size, 0, pair, d=d, rings=2)
+
+    def store_flow(self, pair: int, d: int, size: tuple[int, int]) -> None:
         """Store a pair of planes as the flow."""
-        for channel in range(2):
-            self.add(kernels.STORE, size, pair + channel * d, e=channel)
+        self.add(kernels.STORE_FLOW, size, pair, d=d)
 
     def clear(self, pair: int, d: int, size: tuple[int, int]) -> None:
         """Set a pair of planes to zero, rings and all."""
@@ -112,11 +116,14 @@ class ProgramWriter:
         taps: tuple[float, float, float] = (1.0, 0.0, 0.0),
     ) -> None:
         """Resize a plane after a blur by `taps` (centre, neighbours, next neighbours)."""
-        self.add(kernels.RESAMPLE, target, a, b, row, 0, *size, factors=(gain, *taps), rings=1, depth=2)
+        self.add(kernels.RESAMPLE, target, a, b, row, 0, *size, source_width=size[1], factors=(gain, *taps), rings=1)
 
 
 def stride(width: int) -> int:
-    """Elements from one row to the next; what :func:`.kernels.stride` says, and why."""
+    """Elements from one row to the next: a multiple of 16, and room for at least 16 elements more than pixels.
+
+    An odd multiple, since rows that are a power of two apart would share a few lines of the cache.
+    """
     return ((width + 31) // 16 | 1) * 16
 
 
@@ -128,6 +135,12 @@ def area(size: tuple[int, int]) -> int:
 def origin(size: tuple[int, int]) -> int:
     """Elements before a plane's first pixel."""
     return 2 * stride(size[1]) + 16
+
+
+def pixels(memory: NDArray[np.float32], plane: int, size: tuple[int, int]) -> NDArray[np.float32]:
+    """View of the plane with that first pixel."""
+    rows = memory[plane : plane + size[0] * stride(size[1])]
+    return rows.reshape(size[0], -1)[:, : size[1]]
 
 
 def spare(size: tuple[int, int]) -> int:

@@ -83,7 +83,7 @@ class _Writer(ProgramWriter):
                 self._solve(level)
             if self.started and level:
                 self._add_start(level, -1.0)
-        self.store(self.pair, self.d, self.sizes[0])
+        self.store_flow(self.pair, self.d, self.sizes[0])
         return self.program()
 
     def _finest(self) -> None:
@@ -91,14 +91,13 @@ class _Writer(ProgramWriter):
         size, base = self.sizes[0], self.levels[0]
         for frame in range(2):
             if self.params.presmooth:
-                self.load(frame, 0, self.pair, size)
+                self.load(frame, self.pair, size)
                 taps = _gaussian(self.params.presmooth)
                 self.resample(self.pair, size, base + frame * self.d, size, self.row, taps=taps)
             else:
-                self.load(frame, 0, base + frame * self.d, size)
+                self.load(frame, base + frame * self.d, size)
         if self.started:
-            for channel in range(2):
-                self.load(2, channel, base + (2 + channel) * self.d, size)
+            self.load_flow(base + 2 * self.d, self.d, size)
 
     def _reduce(self, level: int) -> None:
         """Make a level from the next finer one."""
@@ -126,7 +125,7 @@ class _Writer(ProgramWriter):
         size = self.sizes[level]
         for i in range(2):
             start = self.levels[level] + (2 + i) * area(size)
-            self.add(kernels.ADD, size, start, self.pair + i * self.d, factors=(factor,), rings=1, depth=2)
+            self.add(kernels.ADD, size, start, self.pair + i * self.d, factors=(factor,), rings=1)
 
     def _linearise(self, level: int) -> None:
         """Take the derivatives of a level's frames, the second warped by the flow so far."""
@@ -139,7 +138,7 @@ class _Writer(ProgramWriter):
             self.add(kernels.DERIVE, size, first, raw, second, d, five)
             self.add(kernels.SCALE, size, raw, self.slopes, 0, d, factors=(params.smoothness,))
             return
-        self.add(kernels.WARP, size, second, self.warped, self.pair, d, self.mask, self.row, rings=1, depth=2)
+        self.add(kernels.WARP, size, second, self.warped, self.pair, d, self.mask, self.row, rings=1)
         self.add(kernels.DERIVE, size, first, self.slopes, self.warped, d, five)
         outlier = 1.0 / params.outlier**2 if params.outlier else 0.0
         factors = (params.smoothness, outlier)
@@ -151,7 +150,6 @@ class _Writer(ProgramWriter):
         weights = JACOBI if params.mode == "classic" else chebyshev(RADIUS)
         self.pair, self.other = self.sweep(self.pair, self.other, self.slopes, d, size, params.iterations, weights)
         if params.median > 1:
-            self.add(kernels.PAD, size, 0, self.pair, 0, d, rings=2, depth=2)
             for i in (0, d):
                 self.add(kernels.MEDIAN, size, self.pair + i, self.other + i, e=params.median, rings=1)
             self.pair, self.other = self.other, self.pair
@@ -165,13 +163,12 @@ def _gaussian(sigma: float) -> Taps:
 
 
 def slopes(height: int, width: int, derivative: str) -> PyramidPlan:
-    """Plan the derivatives of frames of height × width px, into an array (H, W, 3)."""
+    """Plan the derivatives of frames of height × width px, into the first three planes of the memory."""
     size, d = (height, width), area((height, width))
-    writer = ProgramWriter()
     first = origin(size)
+    writer = ProgramWriter()
     for frame in range(2):
-        writer.load(frame, 0, first + frame * d, size)
-    writer.add(kernels.DERIVE, size, first, first + 2 * d, first + d, d, int(derivative == "five-tap"))
-    for channel in range(3):
-        writer.add(kernels.STORE, size, first + (2 + channel) * d, e=channel)
+        writer.load(frame, first + (3 + frame) * d, size)
+    five = int(derivative == "five-tap")
+    writer.add(kernels.DERIVE, size, first + 3 * d, first, first + 4 * d, d, five)
     return PyramidPlan((size,), 5 * d + spare(size), writer.program())
