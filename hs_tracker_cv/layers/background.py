@@ -16,6 +16,7 @@ from .window import shifted
 __all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "shift", "stray"]
 
 _PIXELS = 1000
+_FAR_OFF = 40.0  # gray levels; a larger difference counts as this one
 _FEWEST = 60  # fewer pixels say nothing about the camera
 
 
@@ -75,7 +76,7 @@ def register(
     prior[6] = 1.0
 
     def cost(theta: NDArray[np.float64]) -> float:
-        return float(gauss_newton(image, picture, used, grid, theta, nothing, 1.0, 0, stride, inside))
+        return float(gauss_newton(image, picture, used, grid, theta, nothing, 1.0, _FAR_OFF, 0, stride, inside))
 
     still, moved = np.zeros(8), np.zeros(8)
     still[[0, 3]] = atlas.offset
@@ -84,7 +85,9 @@ def register(
     if camera != (0.0, 0.0) and (moved_cost := cost(moved)) < best_cost:
         best, best_cost = moved, moved_cost
     refined = best.copy()
-    refined_cost = float(gauss_newton(image, picture, used, grid, refined, prior, 3.0 * noise, 3, stride, inside))
+    refined_cost = float(
+        gauss_newton(image, picture, used, grid, refined, prior, 3.0 * noise, _FAR_OFF, 3, stride, inside)
+    )
     if refined_cost <= best_cost and np.hypot(refined[0] - best[0], refined[3] - best[3]) < 2.0:
         best, best_cost = refined, refined_cost
     still[6] = best[6]

@@ -111,6 +111,7 @@ def gauss_newton(
     theta: Numbers,
     prior: Numbers,
     scale: float,
+    ceiling: float,
     iterations: int,
     stride: int,
     inside: Integers,
@@ -119,8 +120,8 @@ def gauss_newton(
 
     theta[6] is 100 (g − 1), theta[7] is b. `prior` holds the diagonal ridge towards the start value, per unit of
     weight. ρ has the weights (1 + (e / scale)²)⁻². Every `stride`-th pixel of a row is used, shifted from row to row.
-    Returns the mean of min(|e|, 40) at the final theta (1e9 when less than a quarter of the weight is in the frame);
-    with no iterations that is all it does.
+    Returns the mean of min(|e|, ceiling) at the final theta (1e9 when less than a quarter of the weight is in the
+    frame); with no iterations that is all it does.
     """
     h, w, channels = reference.shape
     cx = grid[0]
@@ -204,7 +205,7 @@ def gauss_newton(
                         se -= e
                 see *= share
                 used += wt
-                cost += wt * smaller(root(see), 40.0)
+                cost += wt * smaller(root(see), ceiling)
                 if not last:
                     rho = 1.0 + see / (scale * scale)
                     wr = share * wt / (rho * rho)
@@ -469,6 +470,7 @@ def evidence(
     image: Image,
     background: Image,
     moved: Image,
+    carried: Image,
     obj: Image,
     warped: Plane,
     counts: Image,
@@ -481,8 +483,8 @@ def evidence(
 ) -> None:
     """Log-likelihood ratio, object against background, per pixel.
 
-    Parameters are windows: current image, background layer, previous image moved by the camera, object layer and
-    log-odds warped by the object's motion, the background's counts, filtered products.
+    Parameters are windows: current image, background layer, previous image moved by the camera and by the object's
+    motion, object layer and log-odds warped by the object's motion, the background's counts, filtered products.
     knobs = (tau_b², tau_o², κ, motion contrast, occluded).
     out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] the same without
     gain or previous image, out[3] local gain of the background, out[4] error against the previous image where
@@ -540,7 +542,7 @@ def evidence(
                 continue
             gain_o = (products[y, x, 2] + 50.0) / (products[y, x, 3] + 50.0)
             gain_o = smaller(larger(gain_o, 0.6), 1.7)
-            grad_o = em = eo = ego = 0.0
+            grad_o = em = eo = ego = ec = 0.0
             for c in range(channels):
                 i = image[y, x, c]
                 o = obj[y, x, c]
@@ -549,6 +551,8 @@ def evidence(
                 grad_o += gx * gx + gy * gy
                 e = i - moved[y, x, c]
                 em += e * e
+                e = i - carried[y, x, c]
+                ec += e * e
                 e = i - o
                 eo += e * e
                 e = i - gain_o * o
@@ -567,6 +571,10 @@ def evidence(
                 out[4, y, x] = still
                 error_b = smaller(error_b, still)
             error_o = smaller(eo, ego + var_o / (kappa * mean)) * kappa * mean / var_o
+            if n < KNOWN:
+                # the background may be explained by the last frame here, so the object may be too: a plain area
+                # looks as it looked a moment ago with either motion
+                error_o = smaller(error_o, ec * kappa * mean / (2.0 * noise2 + tau_o * grad_o * mean / 4.0))
             if s < -0.5:
                 error_o = 5.0  # its appearance there is unknown
             ceiling = 9.0 if n >= KNOWN else 4.0
@@ -690,11 +698,11 @@ def learn(
 ) -> None:
     """What is remembered after a frame: log-odds, object layer, slow shape, background, colours.
 
-    `aligned` is the image on the background's own lattice. `near` is 1 within two pixels of the object. `errors` is
-    what :func:`evidence` wrote. `ground` (h, w, C) and `counts` (3, h, w: samples, mismatches, age) are the
-    background, updated in place. knobs = (shape rate, freeze, occluded). `tally` (2, bins) receives the colour counts
-    of object and background. `sums` receives (known pixels outside, of these unexplained, sum of |I − B| there, its
-    85th percentile); `sample` is a workspace for that.
+    `aligned` is the image on the background's own lattice. `near` is 1 within two pixels of the object, 2 on a
+    distractor elsewhere. `errors` is what :func:`evidence` wrote. `ground` (h, w, C) and `counts` (3, h, w: samples,
+    mismatches, age) are the background, updated in place. knobs = (shape rate, freeze, occluded). `tally` (2, bins)
+    receives the colour counts of object and background. `sums` receives (known pixels outside, of these unexplained,
+    sum of |I − B| there, its 85th percentile); `sample` is a workspace for that.
     """
     h, w, channels = image.shape
     shape_rate = knobs[0]
@@ -722,7 +730,11 @@ def learn(
             rate = 0.0
             if m:
                 if errors[0, y, x] > -0.3 and (occluded == 0.0 or errors[1, y, x] >= 4.0):
-                    rate = 0.5
+                    d = 0.0
+                    for c in range(channels):
+                        d += image[y, x, c] - obj[y, x, c]
+                    # what has lit up that much is rather a highlight that moves on than the surface
+                    rate = 0.5 if d * mean < 25.0 else 0.1
             elif freeze == 0.0:
                 rate = 1.0
             for c in range(channels):
@@ -731,7 +743,7 @@ def learn(
             if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
                 continue
             n = counts[0, y, x]
-            free = near[y, x] == 0
+            free = near[y, x] != 1
             if free:
                 tally[1, bins[y, x]] += 1.0
             elif m and belief > 1.0:
@@ -746,7 +758,7 @@ def learn(
                 for c in range(channels):
                     d += abs(aligned[y, x, c] - ground[y, x, c])
                 total += d * mean
-                if (x + 2 * y) % 7 == 0 and taken < sample.shape[1]:
+                if near[y, x] == 0 and (x + 2 * y) % 7 == 0 and taken < sample.shape[1]:
                     if gain < 0.9 or gain > 1.1:  # in shadow, by what the shadow leaves unexplained
                         d = 0.0
                         for c in range(channels):

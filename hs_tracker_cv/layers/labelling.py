@@ -25,13 +25,15 @@ _KAPPA_COLOUR = 1.8  # three channels tell more than one, but not three times as
 class Expected(NamedTuple):
     """Both layers as they should look in this frame.
 
-    background, moved : images of the background memory and of the last frame moved by the camera.
+    background : image of the background memory.
+    moved, carried : the last frame, moved by the camera and by the object's motion.
     seen : samples behind each background pixel.
     odds, shape, obj : the object's log-odds, shape and image, moved by its motion.
     """
 
     background: Image
     moved: Image
+    carried: Image
     seen: Plane
     odds: Plane
     shape: Plane
@@ -55,6 +57,7 @@ def expect(state: LayersState, view: View, moves: motion.Moves) -> Expected:
     return Expected(
         background=ground.shift(moves.atlas.image, moves.atlas.offset),
         moved=ground.shift(state.previous, moves.camera),
+        carried=motion.warp(state.previous, theta, grid, None),
         seen=moves.atlas.counts[0],
         odds=motion.warp(state.odds, theta, grid, -3.0),
         shape=motion.warp(state.shape, theta, grid, 0.0),
@@ -67,6 +70,7 @@ def expect_nothing(state: LayersState, view: View, moves: motion.Moves, odds: Pl
     return Expected(
         background=ground.shift(moves.atlas.image, moves.atlas.offset),
         moved=ground.shift(state.previous, moves.camera),
+        carried=view.image,
         seen=moves.atlas.counts[0],
         odds=odds,
         shape=(odds > 0).astype(np.float32),
@@ -82,6 +86,7 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
         odds=shifted(expected.odds, dx, dy, (h, w), -3.0),
         shape=shifted(expected.shape, dx, dy, (h, w), 0.0),
         obj=shifted(expected.obj, dx, dy, (h, w), 0.0),
+        carried=shifted(expected.carried, dx, dy, (h, w), 0.0),
     )
 
 
@@ -99,11 +104,19 @@ def weigh(
     occluded = float(state.occlusion.occluded)
     knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded), np.float32)
     evidence(
-        view.image, expected.background, expected.moved, expected.obj, expected.odds,
+        view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
         moves.atlas.counts, products,
         np.float32(state.noise), knobs, view.inside, errors, fresh,
     )  # fmt: skip
     return errors, fresh
+
+
+def in_front(state: LayersState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask:
+    """Where the distractor of the last frame hides the object in this one."""
+    area = int(np.count_nonzero(expected.odds > 0))
+    return masks.follow_distractor(
+        state.distractor, moves.flow, state.previous, view.image, expected.obj, state.noise, area
+    )
 
 
 def assign(
@@ -112,6 +125,7 @@ def assign(
     expected: Expected,
     moves: motion.Moves,
     evidence_: tuple[NDArray[np.float32], masks.Mask],
+    hiding: masks.Mask,
     params: LayersParams,
 ) -> Labels:
     """Mask of the object from the evidence; the ratio is changed where the object grows or something else arrives."""
@@ -121,12 +135,8 @@ def assign(
     if state.occlusion.occluded or state.occlusion.coasting:
         distractor = np.zeros_like(distractor)  # what comes out from behind something may be the object itself
         grown[grown == 2] = 0
-    area = int(np.count_nonzero(expected.odds > 0))
-    in_front = masks.follow_distractor(
-        state.distractor, moves.flow, state.previous, view.image, expected.obj, state.noise, area
-    )
-    distractor |= in_front
-    grown[in_front != 0] = 3
+    distractor |= hiding
+    grown[hiding != 0] = 3
     ratio, trust = colour.likelihood(state.colours, params.colour_weight)
     bins = np.empty((h, w), np.int16)
     raw = np.empty((h, w), np.float32)

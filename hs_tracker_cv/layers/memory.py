@@ -100,6 +100,8 @@ def learn_frame(
     picture, counts = atlas.image.copy(), atlas.counts.copy()
     aligned = ground.shift(view.image, (-atlas.offset[0], -atlas.offset[1]))
     near = masks.dilate(labels.mask | (expected.odds > 0).view(np.uint8), 5)
+    # a second mover is neither ground to be learned nor noise
+    near[(labels.distractor != 0) & (near == 0)] = 2
     size = view.gray.shape
     odds, shape = np.empty(size, np.float32), np.empty(size, np.float32)
     obj = np.empty_like(expected.obj)

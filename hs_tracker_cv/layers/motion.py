@@ -19,6 +19,8 @@ __all__ = ["Grid", "Moves", "displace", "find", "follow", "warp"]
 
 _LOCAL = threading.local()
 _NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
+_FAR_OFF = 40.0  # gray levels; a larger difference counts as this one
+_CONTINUE = 1.03  # the motion found from the predicted one wins where it explains the frame about as well
 _FIT_PIXELS = 1200  # enough for eight parameters; more only cost time
 
 
@@ -172,10 +174,18 @@ def _predict(
 
 
 def _cost(
-    obj: Image, image: Image, weight: Plane, grid: Grid, theta: NDArray[np.float64], inside: NDArray[np.int64]
+    obj: Image,
+    image: Image,
+    weight: Plane,
+    grid: Grid,
+    theta: NDArray[np.float64],
+    inside: NDArray[np.int64],
+    ceiling: float = _FAR_OFF,
 ) -> float:
     nothing = np.zeros(8)
-    return float(gauss_newton(image, obj, weight, grid.triple, theta.copy(), nothing, 1.0, 0, grid.stride(), inside))
+    return float(
+        gauss_newton(image, obj, weight, grid.triple, theta.copy(), nothing, 1.0, ceiling, 0, grid.stride(), inside)
+    )
 
 
 def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
@@ -287,20 +297,21 @@ def _measure(
     prior = strength * np.array((0.02, 0.05, 0.05, 0.02, 0.05, 0.05, 0.0, 0.02))
     prior[6] = 0.02
     scale = 3.0 * state.noise + 3.0
-    best, best_cost = fitted, _cost(state.obj, image, weight, grid, fitted, inside)
+    # what differs by more than the fit takes seriously (a highlight, something in front) must not decide either
+    best, best_cost = fitted, _cost(state.obj, image, weight, grid, fitted, inside, scale)
     starts = (fitted, theta)
     for number, start in enumerate(starts):
         if number == 1 and float(np.abs(start[[0, 3]] - fitted[[0, 3]]).max()) < 0.05:
             continue
         refined = start.copy()
         residual = float(
-            gauss_newton(image, state.obj, weight, grid.triple, refined, prior, scale, 3, stride, inside)
+            gauss_newton(image, state.obj, weight, grid.triple, refined, prior, scale, scale, 3, stride, inside)
         )
         moved = float(np.hypot(refined[0] - start[0], refined[3] - start[3]))
         stretched = float(np.abs(refined[list(linear)]).max())
         if moved > 3.0 or stretched > 0.4 * grid.scale:
             continue
-        if residual < (best_cost if number == 0 else 0.97 * best_cost):
+        if residual < (best_cost if number == 0 else _CONTINUE * best_cost):
             best, best_cost = refined, residual
     return best
 

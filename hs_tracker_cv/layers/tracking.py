@@ -115,13 +115,14 @@ def step(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
     view = look(state, frame)
     moves = motion.find(state, view, params)
     expected = labelling.expect(state, view, moves)
+    in_front = labelling.in_front(state, view, moves, expected)
     evidence = labelling.weigh(state, view, expected, moves)
     if state.occlusion.occluded or state.occlusion.coasting:
-        shift = _search(state, view, expected, evidence[0])
+        shift = _search(state, view, expected, evidence[0], in_front)
         if shift != (0, 0):
             expected, moves = labelling.displace(expected, shift), motion.displace(moves, shift)
             evidence = labelling.weigh(state, view, expected, moves)
-    labels = labelling.assign(state, view, expected, moves, evidence, params)
+    labels = labelling.assign(state, view, expected, moves, evidence, in_front, params)
     outcome = _judge(state, view, moves, expected, labels, params)
     hidden = outcome.occlusion.occluded or outcome.occlusion.coasting > 0
     learned = memory.learn_frame(
@@ -220,10 +221,12 @@ def _margin(box: tuple[float, float, float, float], count: int, coasting: int, p
     return max(12.0, share + min(coasting, _FAR)) if coasting else max(10.0, share)
 
 
-def _search(state: LayersState, view: View, expected: Expected, errors: NDArray[np.float32]) -> tuple[int, int]:
+def _search(
+    state: LayersState, view: View, expected: Expected, errors: NDArray[np.float32], in_front: masks.Mask
+) -> tuple[int, int]:
     """Where a hidden object comes out again, relative to where it was expected."""
     reach = int(min(8 + state.occlusion.coasting + 0.2 * state.occlusion.suspected, _FAR))
-    different = (errors[1] >= 4.0).view(np.uint8)
+    different = ((errors[1] >= 4.0) & (in_front == 0)).view(np.uint8)
     return hiding.find_again(view.image, expected.obj, expected.shape, different, reach, state.noise, view.inside)
 
 
