@@ -5,19 +5,24 @@ one entry Python can call. That entry reads its arguments through Python's buffe
 of the stable C interface, so object code runs in any process that has LLVM's loader and no Numba.
 """
 
-# mypy: allow-untyped-calls, allow-untyped-decorators, disable-error-code="misc"
+# mypy: allow-untyped-calls, allow-untyped-decorators, disable-error-code="misc, call-overload"
 from __future__ import annotations
 
+import gc
+import operator
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import _dynfunc, types  # type: ignore[attr-defined]
-from numba.core import cgutils, codegen, compiler, cpu, externals, fastmathpass, registry
+from numba.core import cgutils, codegen, compiler, cpu, externals, fastmathpass, imputils, registry
 from numba.core.compiler_lock import global_compiler_lock
-from numba.np.arrayobj import populate_array
+from numba.core.typing.context import Context
+from numba.np import arrayobj
 
 from . import Kernel, Part
 from .loading import C_FUNCTIONS
@@ -35,8 +40,8 @@ _BUFFER = ir.LiteralStructType([_POINTER, _POINTER, _SIZE, _SIZE, _INT, _INT, *[
 _CONTIGUOUS = 0x38 | 0x04
 """``PyBUF_C_CONTIGUOUS | PyBUF_FORMAT``."""
 
-_SETTINGS: dict[str, Any] = {**SETTINGS, "_nrt": False}
-# Kernels allocate nothing, so nothing in them counts references.
+_SETTINGS: dict[str, Any] = {**SETTINGS, "_nrt": False, "no_rewrites": True}
+# Kernels allocate nothing, so nothing in them counts references; and have no array expressions to be rewritten.
 
 _C_FUNCTIONS = {
     "PyObject_GetBuffer": ir.FunctionType(_INT, [_POINTER, _POINTER, _INT]),
@@ -79,8 +84,58 @@ class _Codegen(codegen.JITCPUCodegen):
         pass
 
 
+_ELEMENTS = imputils.Registry("elements of arrays")
+
+
+def _pointer(context: Any, builder: Any, kind: Any, array: Any, index_kind: Any, index: Any) -> Any:
+    """Pointer to an element of a contiguous array; None if the index names more than one."""
+    kinds = list(index_kind) if isinstance(index_kind, types.BaseTuple) else [index_kind]
+    if len(kinds) != kind.ndim or not all(isinstance(one, types.Integer) for one in kinds):
+        return None
+    indices = cgutils.unpack_tuple(builder, index) if isinstance(index_kind, types.BaseTuple) else [index]
+    model = context.data_model_manager[kind]
+    shape = builder.extract_value(array, model.get_field_position("shape"))
+    place = None
+    for axis, (one, value) in enumerate(zip(kinds, indices, strict=True)):
+        whole = context.cast(builder, value, one, types.intp)
+        if place is not None:
+            whole = builder.add(builder.mul(place, builder.extract_value(shape, axis)), whole)
+        place = whole
+    return builder.gep(builder.extract_value(array, model.get_field_position("data")), [place], inbounds=True)
+
+
+@_ELEMENTS.lower(operator.getitem, types.Array, types.Integer)
+@_ELEMENTS.lower(operator.getitem, types.Array, types.BaseTuple)
+def _read(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """``array[i, j]``. An index is never negative in a kernel; to allow for it takes half the time of compiling."""
+    kind, index_kind = signature.args
+    pointer = _pointer(context, builder, kind, arguments[0], index_kind, arguments[1])
+    if pointer is not None:
+        return arrayobj.load_item(context, builder, kind, pointer)
+    numba_way = (
+        arrayobj.getitem_array_tuple if isinstance(index_kind, types.BaseTuple) else arrayobj.getitem_arraynd_intp
+    )
+    return numba_way(context, builder, signature, arguments)
+
+
+@_ELEMENTS.lower(operator.setitem, types.Array, types.Integer, types.Number)
+@_ELEMENTS.lower(operator.setitem, types.Array, types.BaseTuple, types.Number)
+def _write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    """``array[i, j] = number``."""
+    kind, index_kind, value_kind = signature.args
+    pointer = _pointer(context, builder, kind, arguments[0], index_kind, arguments[1])
+    if pointer is None:
+        raise NotImplementedError("kernels set one element at a time")
+    arrayobj.store_item(context, builder, kind, context.cast(builder, arguments[2], value_kind, kind.dtype), pointer)
+    return context.get_dummy_value()
+
+
 class _Context(cpu.CPUContext):
     """Numba's compiler for the processor, whose functions have our entry and no runtime of Numba's."""
+
+    def load_additional_registries(self) -> None:
+        super().load_additional_registries()
+        self.install_registry(_ELEMENTS)
 
     @global_compiler_lock
     def init(self) -> None:
@@ -99,8 +154,29 @@ class _Context(cpu.CPUContext):
         return _dynfunc.make_function(fndesc.lookup_module(), fndesc.qualname, "", 0, env, (library,))
 
 
+class _Typing(Context):
+    """Numba's rules for types, each asked once: it tries dozens of them at every operator of a function."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._known: dict[Any, Any] = {}
+
+    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
+        """Return the signature of a function for types of arguments."""
+        if kws or not isinstance(func, types.Function):
+            return super().resolve_function_type(func, args, kws)
+        key = (func, tuple(args))
+        if key not in self._known:
+            self._known[key] = super().resolve_function_type(func, args, kws)
+        return self._known[key]
+
+
 class _Target(registry.CPUTarget):
-    """Numba's CPU target with that compiler."""
+    """Numba's CPU target with that compiler and these rules."""
+
+    @cached_property
+    def _toplevel_typing_context(self) -> Any:
+        return _Typing()
 
     @cached_property
     def _toplevel_target_context(self) -> Any:
@@ -194,7 +270,7 @@ class _Entry:
         )
         array = cgutils.create_struct_proxy(kind)(context, builder)
         data = builder.bitcast(field(0), context.get_value_type(kind.dtype).as_pointer())
-        populate_array(array, data, shape, strides, kind.dtype.bitwidth // 8, None)
+        arrayobj.populate_array(array, data, shape, strides, kind.dtype.bitwidth // 8, None)
         return array._getvalue()
 
     def _run(self, fndesc: Any, values: list[Any]) -> Any:
@@ -233,13 +309,25 @@ def _part(part: Part) -> Any:
     return _Dispatcher(part.py_func, targetoptions=options)
 
 
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """No garbage collection: it takes a sixth of the time, and the compiler keeps nearly all that it makes."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
 def object_code(kernel: Kernel, name: str) -> bytes:
     """Compile a kernel to an object file with the function `name`."""
     target = _Dispatcher.targetdescr
     flags = compiler.Flags()
     options = {**_SETTINGS, "nopython": True, "no_cfunc_wrapper": True, **kernel.options}
     target.options.parse_as_flags(flags, options)
-    with global_compiler_lock:
+    with global_compiler_lock, _uncollected():
         result = compiler.compile_extra(
             target.typing_context,
             target.target_context,
