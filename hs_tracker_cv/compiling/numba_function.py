@@ -3,7 +3,9 @@
 # mypy: allow-untyped-calls
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from functools import cache
 from types import FunctionType
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -36,13 +38,23 @@ def _type(hint: Any) -> Any:
 
 def function_for(kernel: Kernel, compiled: Callable[[Part], Any]) -> FunctionType:
     """Kernel's function in a copy of its module in which all stand-ins are what they stand for."""
-    names = dict(kernel.py_func.__globals__)
+    return _moved(kernel.py_func, _names(kernel.py_func.__module__, compiled))
+
+
+@cache
+def _names(module: str, compiled: Callable[[Part], Any]) -> dict[str, Any]:
+    names = dict(vars(sys.modules[module]))
     for name, value in tuple(names.items()):
         if isinstance(value, Intrinsic):
-            names[name] = intrinsic(value.make())
+            names[name] = _instruction(value)
         elif isinstance(value, Part):
             names[name] = compiled(Part(_moved(value.py_func, names), value.options))
-    return _moved(kernel.py_func, names)
+    return names
+
+
+@cache
+def _instruction(value: Intrinsic) -> Any:
+    return intrinsic(value.make())
 
 
 def _moved(function: Callable[..., Any], names: dict[str, Any]) -> FunctionType:
@@ -51,6 +63,9 @@ def _moved(function: Callable[..., Any], names: dict[str, Any]) -> FunctionType:
 
 def dispatcher(kernel: Kernel) -> Any:
     """Compile a kernel in Numba's own way: it takes longer to load, and does the same."""
-    function = function_for(kernel, lambda part: njit(**{**SETTINGS, **part.options})(part.py_func))
     decorate = njit([signature(kernel)], **{**SETTINGS, **kernel.options})
-    return decorate(function)
+    return decorate(function_for(kernel, _numba_part))
+
+
+def _numba_part(part: Part) -> Any:
+    return njit(**{**SETTINGS, **part.options})(part.py_func)

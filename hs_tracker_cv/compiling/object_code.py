@@ -14,6 +14,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
+from types import BuiltinFunctionType
 from typing import Any
 
 import numpy as np
@@ -163,7 +164,7 @@ class _Typing(Context):
 
     def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
         """Return the signature of a function for types of arguments."""
-        if kws or not isinstance(func, types.Function):
+        if kws or not isinstance(func, (types.Function, BuiltinFunctionType)):
             return super().resolve_function_type(func, args, kws)
         key = (func, tuple(args))
         if key not in self._known:
