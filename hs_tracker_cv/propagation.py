@@ -27,7 +27,7 @@ from .flow import HornSchunck
 from .frames import Frame, crop, to_gray
 from .geometry import Box
 
-__all__ = ["PropagationParams", "PropagationReport", "PropagationState", "reseat", "start", "step"]
+__all__ = ["PropagationParams", "PropagationReport", "PropagationState", "ride", "start", "step"]
 
 F32 = NDArray[np.float32]
 
@@ -37,6 +37,7 @@ _MASK_FLOOR = 0.15
 _KEY_MATCH = 0.7
 _MIN_SIDE = 6.0
 _LOOKS, _SPIRAL = 4, 60
+_RIDE_RATE = 0.03
 _GOOD, _WEAK, _BAD = "good", "weak", "bad"
 
 
@@ -673,38 +674,30 @@ def _learn(
     )  # fmt: skip
 
 
-def reseat(
-    state: PropagationState, frame: Frame, box: Box, params: PropagationParams, *, learn: bool
-) -> PropagationState:
-    """Move the pose to a box found by other means.
+def ride(state: PropagationState, box: Box) -> PropagationState:
+    """Follow a box found by other means, without a look at the frame: what was learned stays as it is.
+
+    The size follows slowly: another mode's box shrinks while its object goes out of sight, which is when this one
+    is needed.
 
     Parameters
     ----------
     state : PropagationState
         Not changed.
-    frame : Frame
-        The frame `box` was found in.
     box : Box
         Frame px; its shape may differ from the first one's.
-    params : PropagationParams
-    learn : bool
-        Refresh what was learned with what is seen there.
 
     Returns
     -------
     PropagationState
-        Not lost; the velocity follows from the displacement.
+        At rest in the middle of `box`, not lost.
     """
-    g = state.geometry
-    pose = Pose(box.x + box.w / 2 - 0.5, box.y + box.h / 2 - 0.5, box.w / g.w, box.h / g.h)
-    view = _View(frame, g, pose)
-    patch = view.fine(pose)
-    model = replace(state.model, previous=patch)
-    if learn:
-        agreement = anchor.correlation(patch, model.mean, g.inner)
-        best = max(anchor.correlation(patch, key, g.inner) for key in model.keys)
-        seen = _Carried(pose, patch, agreement, g.weights, np.empty((0, 0, 2), np.float32), g.weights, None, patch)
-        model = _learn(model, view, g, pose, seen, best, params)
-    pose, velocity, low = _settle(state, pose, pose, _GOOD, params)
+    g, old = state.geometry, state.pose
+    pose = Pose(
+        box.x + box.w / 2 - 0.5,
+        box.y + box.h / 2 - 0.5,
+        old.sx + _RIDE_RATE * (box.w / g.w - old.sx),
+        old.sy + _RIDE_RATE * (box.h / g.h - old.sy),
+    )
     report = replace(state.report, box=box, ok=True, lost=False)
-    return replace(state, pose=pose, velocity=velocity, model=model, low=low, report=report)
+    return replace(state, pose=pose, velocity=(0.0, 0.0), low=0, report=report)

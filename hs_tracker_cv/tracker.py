@@ -33,12 +33,6 @@ SEEN_MARGIN = 16
 LAYERS = layers.LayersParams()
 PROPAGATION = propagation.PropagationParams()
 
-RIDE_EVERY = 4
-"""Frames between two looks of the carried box while it rides on the segment."""
-
-RIDE_DOUBT = -0.3
-"""Doubt below which the carried box may learn from the segment."""
-
 TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
 
 
@@ -282,8 +276,7 @@ class TrackerHS:
 
 def _advance(track: _Track, frame: Frame) -> _Track:
     """Take one frame in: the modes look, the rule chooses, the track is replaced."""
-    segmented, carried = _look(track, frame)
-    choice = track.choice
+    segmented, carried, choice = _look(track, frame)
     if segmented and carried:
         difference = size_difference(segmented.report.box, carried.report.box)
         choice = judge(choice, segmented.report.unexplained, difference)
@@ -298,35 +291,39 @@ def _advance(track: _Track, frame: Frame) -> _Track:
     )
 
 
-def _look(track: _Track, frame: Frame) -> tuple[LayersState | None, PropagationState | None]:
+def _look(track: _Track, frame: Frame) -> tuple[LayersState | None, PropagationState | None, Choice]:
     """Both modes whole while the choice is young; then the one followed, and of the other what keeps it ready.
 
     Ready means: segmentation goes on learning the background round the carried box, which is also what its trust is
-    measured on; the carried box rides on the segment and learns from it.
+    measured on; the carried box rides on the segment.
     """
-    segmented, carried = track.layers, track.propagation
-    if segmented is None or carried is None or track.choice.frames < WITNESS_FRAMES:
+    segmented, carried, choice = track.layers, track.propagation, track.choice
+    if segmented is None or carried is None or choice.frames < WITNESS_FRAMES:
         return (
             layers.step(segmented, frame, LAYERS) if segmented else None,
             propagation.step(carried, frame, PROPAGATION) if carried else None,
+            choice,
         )
-    if not track.choice.trusted:
+    if not choice.trusted:
         carried = propagation.step(carried, frame, PROPAGATION)
-        return layers.watch(segmented, frame, carried.report.box, LAYERS), carried
+        return layers.watch(segmented, frame, carried.report.box, LAYERS), carried, choice
     segmented = layers.step(segmented, frame, LAYERS)
-    if not segmented.report.ok:
-        return _search(segmented, carried, frame)
-    if track.choice.doubt < RIDE_DOUBT and track.choice.frames % RIDE_EVERY == 0:
-        carried = propagation.reseat(carried, frame, segmented.report.box, PROPAGATION, learn=True)
-    return segmented, carried
+    if segmented.report.ok:
+        return segmented, propagation.ride(carried, segmented.report.box), choice
+    return _search(segmented, carried, choice, frame)
 
 
-def _search(segmented: LayersState, carried: PropagationState, frame: Frame) -> tuple[LayersState, PropagationState]:
-    """Segmentation waits where the object was last; the carried box knows what it looks like and searches around."""
+def _search(
+    segmented: LayersState, carried: PropagationState, choice: Choice, frame: Frame
+) -> tuple[LayersState, PropagationState, Choice]:
+    """Segmentation waits where the object was last; the carried box knows what it looks like and searches around.
+
+    Where that finds it, segmentation begins anew, and has to earn its trust as after `init`.
+    """
     searching = propagation.step(carried, frame, PROPAGATION)
     if carried.report.lost and searching.report.ok:
-        segmented = layers.reseed(segmented, frame, searching.report.box, LAYERS)
-    return segmented, searching
+        return layers.reseed(segmented, frame, searching.report.box, LAYERS), searching, Choice(trusted=False)
+    return segmented, searching, choice
 
 
 def _followed(
