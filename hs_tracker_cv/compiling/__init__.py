@@ -14,6 +14,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from . import cache
+
 __all__ = ["Intrinsic", "Kernel", "Part", "intrinsic", "kernel", "larger", "local", "part", "root", "smaller"]
 
 _LOCK = threading.RLock()
@@ -29,13 +31,15 @@ class Kernel:
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         self.py_func = function
         self.options = options
+        # Read now: when the machine code is made, the file may hold a later version than this process runs.
+        self.sources = cache.sources(self._modules())
         self._run: Callable[..., Any] = self._first_run
 
     def __call__(self, *arguments: Any) -> Any:
         """Run the machine code; the interpreter is free for other threads meanwhile."""
         return self._run(*arguments)
 
-    def modules(self) -> list[str]:
+    def _modules(self) -> list[str]:
         """Names of the modules of which the machine code is made."""
         names = {self.py_func.__module__}
         for value in self.py_func.__globals__.values():
@@ -149,10 +153,10 @@ def local(*shape: int) -> Intrinsic:
 
 def _machine_code(kernel: Kernel) -> Callable[..., Any]:
     """Machine code of a kernel as a Python function."""
-    from . import cache, loading
+    from . import loading
 
     name = f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
-    place = cache.Entry(kernel)
+    place = cache.Entry(kernel.py_func, kernel.sources)
     code = place.read()
     if code is None:
         from . import numba_function

@@ -5,19 +5,14 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import llvmlite  # type: ignore[import-untyped]
-import llvmlite.binding as llvm  # type: ignore[import-untyped]
-
-from . import Kernel
-
-__all__ = ["Entry"]
+__all__ = ["Entry", "sources"]
 
 _DIGEST = hashlib.sha256
 _DIGEST_SIZE = 32
@@ -33,13 +28,11 @@ class Entry:
     machines differ (processor, Python, Numba) is in the file's name, for those that share a directory.
     """
 
-    def __init__(self, kernel: Kernel) -> None:
-        function = kernel.py_func
-        name = f"{function.__module__}.{function.__name__}"
-        sources = [_module_bytes(module) for module in kernel.modules()]
-        self._sources = None if None in sources else b"".join(source or b"" for source in sources)
+    def __init__(self, function: Callable[..., Any], sources: bytes | None) -> None:
         digest = _DIGEST(_machine() + os.path.dirname(function.__code__.co_filename).encode()).hexdigest()
+        name = f"{function.__module__}.{function.__name__}"
         self._file = f"{name}-{sys.implementation.cache_tag}-{digest[:16]}.bin"
+        self._sources = sources
         self._beside = Path(function.__code__.co_filename).parent
 
     def read(self) -> bytes | None:
@@ -74,7 +67,7 @@ class Entry:
                 return
 
     def _digest(self, code: bytes) -> bytes:
-        return _DIGEST(_own_bytes() + (self._sources or b"") + code).digest()
+        return _DIGEST((self._sources or b"") + code).digest()
 
     def _places(self) -> Iterator[Path]:
         chosen = os.environ.get("NUMBA_CACHE_DIR")
@@ -94,6 +87,14 @@ def _user_directory() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
 
 
+def sources(modules: Iterable[str]) -> bytes | None:
+    """Contents of these modules' files and this package's; None if one has none, so that nothing is kept on disk."""
+    # By name, since importing them would import Numba.
+    own = (f"{__package__}{name}" for name in ("", ".object_code", ".numba_function"))
+    contents = [_module_bytes(name) for name in (*own, *modules)]
+    return None if None in contents else b"".join(content or b"" for content in contents)
+
+
 @cache
 def _module_bytes(name: str) -> bytes | None:
     """Contents of a module's file, also of one inside an archive or not imported; None if it has none."""
@@ -106,15 +107,11 @@ def _module_bytes(name: str) -> bytes | None:
 
 
 @cache
-def _own_bytes() -> bytes:
-    """Contents of the modules that make machine code; read from disk, since importing them would import Numba."""
-    names = ("", ".object_code", ".numba_function")
-    return b"".join(_module_bytes(f"{__package__}{name}") or b"" for name in names)
-
-
-@cache
 def _machine() -> bytes:
     """All that makes machine code differ but the source: processor, Python, Numba, LLVM."""
+    import llvmlite  # type: ignore[import-untyped]
+    import llvmlite.binding as llvm  # type: ignore[import-untyped]
+
     numba = find_spec("numba")  # finding it is quick, importing it is not
     version = b""
     with suppress(OSError):

@@ -21,6 +21,7 @@ C_FUNCTIONS = (
     "PyFloat_AsDouble",
     "PyLong_AsLongLong",
     "PyObject_GetBuffer",
+    "PyObject_IsTrue",
     "Py_BuildValue",
 )
 """Functions of Python's stable C interface, all that machine code here may refer to."""

@@ -49,6 +49,7 @@ _C_FUNCTIONS = {
     "PyBuffer_Release": ir.FunctionType(ir.VoidType(), [_POINTER]),
     "PyFloat_AsDouble": ir.FunctionType(_DOUBLE, [_POINTER]),
     "PyLong_AsLongLong": ir.FunctionType(_SIZE, [_POINTER]),
+    "PyObject_IsTrue": ir.FunctionType(_INT, [_POINTER]),
     "PyErr_Occurred": ir.FunctionType(_POINTER, []),
     "PyErr_BadArgument": ir.FunctionType(_INT, []),
     "PyEval_SaveThread": ir.FunctionType(_POINTER, []),
@@ -246,8 +247,9 @@ class _Entry:
         if isinstance(kind, types.Float):
             value = self._call("PyFloat_AsDouble", argument)
             return value if kind.bitwidth == 64 else self.builder.fptrunc(value, ir.FloatType())
-        value = self._call("PyLong_AsLongLong", argument)
-        return self.builder.icmp_signed("!=", value, _SIZE(0)) if isinstance(kind, types.Boolean) else value
+        if isinstance(kind, types.Boolean):
+            return self.builder.icmp_signed("!=", self._call("PyObject_IsTrue", argument), _INT(0))
+        return self._call("PyLong_AsLongLong", argument)
 
     def _array(self, argument: Any, kind: Any, buffer: Any) -> Any:
         builder, context = self.builder, self.context
@@ -289,14 +291,18 @@ class _Entry:
 
     def _boxed(self, kind: Any, value: Any) -> Any:
         """Return a new Python object: a float, an integer, a tuple of such, or None."""
-        if isinstance(kind, (types.Tuple, types.UniTuple)):
-            kinds = list(kind.types)
+        kinds: list[Any] = [kind]
+        values = [value]
+        if isinstance(kind, types.BaseTuple):
+            kinds = list(kind)
             values = [self.builder.extract_value(value, i) for i in range(len(kinds))]
-            template = "(" + "".join("d" if isinstance(one, types.Float) else "L" for one in kinds) + ")"
         elif kind == types.none:
-            values, template = [], ""
-        else:
-            values, template = [value], "d" if isinstance(kind, types.Float) else "L"
+            kinds = []
+        template = "".join("d" if isinstance(one, types.Float) else "L" for one in kinds)
+        wide = [types.float64 if letter == "d" else types.int64 for letter in template]
+        values = [self.context.cast(self.builder, *one) for one in zip(values, kinds, wide, strict=False)]
+        if isinstance(kind, types.BaseTuple):
+            template = f"({template})"
         return self._call("Py_BuildValue", self.context.insert_const_string(self.module, template), *values)
 
 
