@@ -194,15 +194,16 @@ def test_restriction_sums_and_prolongation_keeps_constants():
 
 
 def test_coarse_system_is_the_sum_of_products():
-    """PROJECT sums the products of the derivatives over 2 × 2 pixels; what is missing counts as zero."""
-    m, (*f, b, _, _, _, _) = memory(8)
-    run(m, kernels.PAD, SHAPE, 0, f[0], 0, SIZE, rings=3, zero=True)
-    fx, fy, ft = (np.pad(inside(m, plane), ((0, 1), (0, 1))) for plane in f)
+    """PROJECT sums the products of the scaled derivatives over 2 × 2 pixels; what is missing counts as zero."""
+    m, (*g, b, _, _, _, _) = memory(9)
+    run(m, kernels.PAD, SHAPE, 0, g[0], 0, SIZE, rings=4, zero=True)
+    fx, fy, ft, weight = (np.pad(inside(m, plane), ((0, 1), (0, 1))) for plane in g)
     coarse = (H // 2 + 1, W // 2 + 1)
-    run(m, kernels.PROJECT, coarse, f[0], b, 0, SIZE, area(coarse), source_width=W, factors=(0.5,))
+    run(m, kernels.PROJECT, coarse, g[0], b, 0, SIZE, area(coarse), source_width=W)
     for i, product in enumerate((fx * fx, fx * fy, fy * fy, -ft * fx, -ft * fy)):
         plane = inside(m, b + i * area(coarse), shape=coarse)
-        expected = 0.5 * (product[::2, ::2] + product[1::2, ::2] + product[::2, 1::2] + product[1::2, 1::2])
+        product = product * weight
+        expected = product[::2, ::2] + product[1::2, ::2] + product[::2, 1::2] + product[1::2, 1::2]
         np.testing.assert_allclose(plane, expected, rtol=1e-5)
 
 

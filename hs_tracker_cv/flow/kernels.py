@@ -61,12 +61,13 @@ FOUR = np.uint64(4)
     MEDIAN,
     SCALE,
     RESIDUAL,
+    MEASURED_SWEEP,
     PROJECT,
     RESTRICT,
     PROLONG,
     COARSE_SWEEP,
     COARSE_RESIDUAL,
-) = (np.uint64(i) for i in range(19))
+) = (np.uint64(i) for i in range(20))
 """What the first column of a program may hold; each is the function of :func:`run`'s branch."""
 
 COLUMNS = 13
@@ -177,17 +178,18 @@ def normalise(f: Pixels, mask: Pixels, u: Pixels, d: Index, lam: Lanes, outlier:
 
 
 @formula
-def scale(f: Pixels, g: Pixels, d: Index, lam: Lanes) -> Lanes:
-    """Turn derivatives `f` into g = F / √(λ² + F_x² + F_y²), elsewhere.
+def scale(f: Pixels, d: Index, lam: Lanes) -> Lanes:
+    """Turn derivatives `f` into the sweep's coefficients g = F / √D with D = λ² + F_x² + F_y², in place.
 
-    The sum is that of the squared right-hand side F_t ∇F.
+    The plane after them becomes D / λ². The sum is that of the squared right-hand side F_t ∇F.
     """
     fx, fy, ft = f[0], f[d], f[2 * d]
     square = fx * fx + fy * fy
     factor = 1.0 / (lam * lam + square).sqrt()
-    g[0] = fx * factor
-    g[d] = fy * factor
-    g[2 * d] = ft * factor
+    f[0] = fx * factor
+    f[d] = fy * factor
+    f[2 * d] = ft * factor
+    f[3 * d] = 1.0 + square / (lam * lam)
     return square * ft * ft
 
 
@@ -417,36 +419,54 @@ def median_5x5(around: Around, a: Pixels, b: Pixels, s: Index) -> None:
     b[0] = values[6]
 
 
+def data_term(g: Pixels, d: Index, u: Lanes, v: Lanes) -> list[Lanes]:
+    """F_x (F_x u + F_y v + F_t) / λ² and the same with F_y before the bracket, from what :func:`scale` leaves."""
+    gx, gy = g[0], g[d]
+    t = g[3 * d] * (gx * u + gy * v + g[2 * d])
+    return [gx * t, gy * t]
+
+
 @formula(shared=columns)
-def residual(around: Around, u: Pixels, r: Pixels, f: Pixels, d: Index, s: Index, weight: Lanes) -> Lanes:
-    """Write the residual of the paper's system over λ² to the pair `r`; `weight` is 1 / λ². The sum is its square."""
+def residual(around: Around, u: Pixels, r: Pixels, g: Pixels, d: Index, s: Index) -> None:
+    """Write the residual of the paper's system over λ² to the pair `r`."""
     ub, vb = averages(around)
-    fx, fy, ft = f[0], f[d], f[2 * d]
-    t = weight * (fx * u[0] + fy * u[d] + ft)
-    ru = (ub - u[0]) - fx * t
-    rv = (vb - u[d]) - fy * t
-    r[0] = ru
-    r[d] = rv
+    du, dv = data_term(g, d, u[0], u[d])
+    r[0] = (ub - u[0]) - du
+    r[d] = (vb - u[d]) - dv
+
+
+@formula(shared=columns)
+def measured_sweep(around: Around, u: Pixels, new: Pixels, g: Pixels, d: Index, s: Index) -> Lanes:
+    """Do one sweep of the paper. The sum is that of the squared residual, over λ², that (u, v) had before it."""
+    ub, vb = averages(around)
+    gx, gy = g[0], g[d]
+    t = gx * ub + (gy * vb + g[2 * d])
+    new[0] = ub - gx * t
+    new[d] = vb - gy * t
+    du, dv = data_term(g, d, u[0], u[d])
+    ru = (ub - u[0]) - du
+    rv = (vb - u[d]) - dv
     return ru * ru + rv * rv
 
 
 @formula
-def project(f: PixelsOfTwo, b: Pixels, d: Index, size: Index, weight: Lanes) -> None:
-    """Sum `weight` · (F_x², F_x F_y, F_y², −F_t F_x, −F_t F_y) over 2 × 2 pixels into five planes, `size` apart.
+def project(g: PixelsOfTwo, b: Pixels, d: Index, size: Index) -> None:
+    """Sum (F_x², F_x F_y, F_y², −F_t F_x, −F_t F_y) / λ² over 2 × 2 pixels into five planes, `size` apart.
 
-    The ring of the derivatives' planes must hold zeros: what is missing at odd sizes counts as zero, or the system
-    would lose its symmetry.
+    The ring of the planes that :func:`scale` leaves must hold zeros: what is missing at odd sizes counts as zero, or
+    the system would lose its symmetry.
     """
-    fx, fy, ft = ([*f.pair(i), *f.pair(i + f.stride)] for i in (0 * d, d, 2 * d))
+    gx, gy, gt, weight = ([*g.pair(i), *g.pair(i + g.stride)] for i in (0 * d, d, 2 * d, 3 * d))
 
     def total(p: list[Lanes], q: list[Lanes]) -> Lanes:
-        return weight * (p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3])
+        first, second, third, fourth = (weight[i] * (p[i] * q[i]) for i in range(4))
+        return (first + second) + (third + fourth)
 
-    b[0] = total(fx, fx)
-    b[size] = total(fx, fy)
-    b[2 * size] = total(fy, fy)
-    b[3 * size] = 0.0 - total(fx, ft)
-    b[4 * size] = 0.0 - total(fy, ft)
+    b[0] = total(gx, gx)
+    b[size] = total(gx, gy)
+    b[2 * size] = total(gy, gy)
+    b[3 * size] = 0.0 - total(gx, gt)
+    b[4 * size] = 0.0 - total(gy, gt)
 
 
 @formula
@@ -573,11 +593,13 @@ def run(program: Steps, factors: Factors, m: Memory, frame0: Frame, frame1: Fram
                     median_5x5(m, h, w, s, a, b, s)
             elif code == SCALE:
                 square = np.float64(f0) * f0
-                total = scale(m, h, w, s, a, b, d, f0) / (square * square)
+                total = scale(m, h, w, s, b, d, f0) / (square * square)
             elif code == RESIDUAL:
-                total = residual(m, h, w, s, a, b, c, d, s, f0)
+                residual(m, h, w, s, a, b, c, d, s)
+            elif code == MEASURED_SWEEP:
+                total = measured_sweep(m, h, w, s, a, b, c, d, s)
             elif code == PROJECT:
-                project(m, h, w, s, a, t, ZERO, b, d, e, f0)
+                project(m, h, w, s, a, t, ZERO, b, d, e)
             elif code == RESTRICT:
                 restrict(m, h, w, s, a, t, ZERO, b)
             elif code == PROLONG:

@@ -11,18 +11,24 @@ from numpy.typing import NDArray
 
 from . import kernels
 from .params import FlowParams
-from .program import JACOBI, Program, ProgramWriter, area, chebyshev, origin, spare
+from .program import Program, ProgramWriter, area, chebyshev, origin, spare
 
 __all__ = ["GridPlan", "plan", "solve"]
 
 COARSEST = 4
 """Shortest side of the coarsest grid, px."""
 
-RADIUS = 0.97
-"""Upper end of the spectrum that Chebyshev's weights are made for; what is slower, coarser grids do."""
+SWEEPS = 6
+"""Sweeps on the finest grid at the end of a cycle."""
 
-CHUNK = 8
-"""Accelerated sweeps between two looks at the residual; even, so that the result is where it was."""
+RADIUS = 0.8
+"""Upper end of the spectrum that their weights are made for; what is slower, coarser grids do."""
+
+SWEEPS_ALONE = 8
+"""Sweeps without coarser grids where these no longer help much: what they bring is rounded."""
+
+RADIUS_ALONE = 0.97
+"""Upper end of the spectrum that their weights are made for."""
 
 Size = tuple[int, int]
 
@@ -31,7 +37,7 @@ class GridPlan(NamedTuple):
     """What does not change from frame to frame: sizes of the grids, the finest first; memory in floats; programs.
 
     `begin` makes the systems, `guess` loads a first guess and `full` makes one by full multigrid; `cycle`, a V cycle,
-    and `chunk`, accelerated sweeps, improve it; `finish` stores it.
+    and `sweeps` improve it; `finish` stores it.
     """
 
     sizes: tuple[Size, ...]
@@ -40,7 +46,7 @@ class GridPlan(NamedTuple):
     guess: Program
     full: Program
     cycle: Program
-    chunk: Program
+    sweeps: Program
     finish: Program
 
 
@@ -52,27 +58,26 @@ def plan(height: int, width: int, five: bool, smoothness: float) -> GridPlan:
         h, w = sizes[-1]
         sizes.append(((h + 1) // 2, (w + 1) // 2))
     grids = _Grids(tuple(sizes), five, smoothness)
-    parts = (grids.begin, grids.guess, grids.full, grids.cycle, grids.chunk, grids.finish)
+    parts = (grids.begin, grids.guess, grids.full, grids.cycle, grids.sweeps, grids.finish)
     return GridPlan(grids.sizes, grids.memory, *(part() for part in parts))
 
 
 class _Grids:
     """Layout of the memory, and a program for each part of the solution.
 
-    The finest grid has two pairs of planes for the flow, F and g = F / √D; each coarse one nine planes: J and b of
-    the system u − ū + J u = b (five), and two pairs.
+    The finest grid has two pairs of planes for the flow, g = F / √D and D / λ²; each coarse one nine planes: J and b
+    of the system u − ū + J u = b (five), and two pairs.
     """
 
     def __init__(self, sizes: tuple[Size, ...], five: bool, smoothness: float) -> None:
         self.sizes = sizes
         self.five = five
         self.smoothness = smoothness
-        self.weight = 1.0 / smoothness**2
         self.size = sizes[0]
         self.d = area(self.size)
-        self.pair, self.other, self.slopes, self.scaled = (origin(self.size) + self.d * i for i in (0, 2, 4, 7))
+        self.pair, self.other, self.slopes = (origin(self.size) + self.d * i for i in (0, 2, 4))
         self.bases = [self.pair]
-        end = 10 * self.d
+        end = 8 * self.d
         for coarse in sizes[1:]:
             self.bases.append(end + origin(coarse))
             end += 9 * area(coarse)
@@ -84,13 +89,15 @@ class _Grids:
         for frame in range(2):
             writer.load(frame, self.other + frame * self.d, self.size)
         first, second = self.other, self.other + self.d
-        writer.add(kernels.DERIVE, self.size, first, self.slopes, second, self.d, int(self.five), rings=3, zero=True)
-        writer.add(kernels.SCALE, self.size, self.slopes, self.scaled, 0, self.d, factors=(self.smoothness,))
+        writer.add(kernels.DERIVE, self.size, first, self.slopes, second, self.d, int(self.five))
+        writer.add(
+            kernels.SCALE, self.size, 0, self.slopes, 0, self.d, factors=(self.smoothness,), rings=4, zero=True
+        )
         for level in range(1, len(self.sizes)):
             coarse, fine, base = self.sizes[level], self.sizes[level - 1], self.bases[level]
             if level == 1:
                 numbers = self.slopes, base, 0, self.d, area(coarse)
-                writer.add(kernels.PROJECT, coarse, *numbers, source_width=fine[1], factors=(self.weight,))
+                writer.add(kernels.PROJECT, coarse, *numbers, source_width=fine[1])
             else:
                 for i in range(5):
                     source = self.bases[level - 1] + i * area(fine)
@@ -115,23 +122,21 @@ class _Grids:
         return writer.program()
 
     def cycle(self) -> Program:
-        """Program for a V(1, 1) cycle from the finest grid; its sum is the squared residual's."""
+        """Program for a V cycle from the finest grid; its sum is the squared residual's before its last sweep."""
         writer = ProgramWriter()
         if len(self.sizes) > 1:
-            self._sweep(writer, self.pair, self.other)
-            self._residual(writer, self.other, self.pair)
-            self._restrict(writer, 0, self.pair)
+            numbers = self.pair, self.other, self.slopes, self.d
+            writer.add(kernels.RESIDUAL, self.size, *numbers, rings=2, zero=True)
+            self._restrict(writer, 0, self.other)
             self._cycle(writer, 1, guessed=False)
-            self._prolong(writer, 1, self.other)
-            self._sweep(writer, self.other, self.pair)
-        self._residual(writer, self.pair, self.other)
+            self._prolong(writer, 1, self.pair)
+        self._sweeps(writer, SWEEPS, RADIUS)
         return writer.program()
 
-    def chunk(self) -> Program:
-        """Program for accelerated sweeps; its sum is the squared residual's."""
+    def sweeps(self) -> Program:
+        """Program for sweeps alone; its sum is the squared residual's before the last one."""
         writer = ProgramWriter()
-        writer.sweep(self.pair, self.other, self.scaled, self.d, self.size, CHUNK, chebyshev(RADIUS))
-        self._residual(writer, self.pair, self.other)
+        self._sweeps(writer, SWEEPS_ALONE, RADIUS_ALONE)
         return writer.program()
 
     def finish(self) -> Program:
@@ -160,12 +165,14 @@ class _Grids:
         """Return the first plane of a grid's pair of planes 0 or 1."""
         return self.bases[level] + (2 * which + (5 if level else 0)) * area(self.sizes[level])
 
-    def _sweep(self, writer: ProgramWriter, pair: int, other: int) -> None:
-        writer.sweep(pair, other, self.scaled, self.d, self.size, 1, JACOBI)
+    def _sweeps(self, writer: ProgramWriter, number: int, highest: float) -> None:
+        """Sweep an even number of times, so that the result is where it was.
 
-    def _residual(self, writer: ProgramWriter, pair: int, out: int) -> None:
-        factors = (self.weight,)
-        writer.add(kernels.RESIDUAL, self.size, pair, out, self.slopes, self.d, factors=factors, rings=2, zero=True)
+        The last one looks at the residual, which costs less than to compute it afterwards.
+        """
+        planes = self.slopes, self.d
+        writer.sweep(self.pair, self.other, *planes, self.size, number - 1, chebyshev(highest))
+        writer.add(kernels.MEASURED_SWEEP, self.size, self.other, self.pair, *planes, rings=2)
 
     def _coarse_sweep(
         self, writer: ProgramWriter, level: int, pair: int, out: int, *, guessed: bool = True, repeat: int = 1
@@ -205,13 +212,13 @@ def solve(
 ) -> tuple[float, int]:
     """Solve for the flow between two frames (H, W, 1) into `flow` (H, W, 2).
 
-    Full multigrid, or with `started` the first guess that `flow` holds; a V cycle; then accelerated sweeps, with
-    more cycles where those stall.
+    Full multigrid, or with `started` the first guess that `flow` holds; then V cycles, and sweeps where
+    those become slow.
 
     Returns
     -------
     residual : float
-        Over the right-hand side, 2-norms.
+        Over the right-hand side, 2-norms; before the last sweep, which makes it smaller still.
     sweeps : int
         On the finest grid.
     """
@@ -224,14 +231,16 @@ def solve(
     goal = params.tolerance * right
     done, norm = 0, math.inf
     while done < params.iterations and norm > goal:
-        before = last = norm
+        before = norm
         norm = math.sqrt(grids.cycle.run(*arrays))
-        done += 2
-        while norm > goal and norm < 0.3 * last and done < params.iterations:
+        done += SWEEPS
+        slow = norm > 0.1 * before
+        while slow and norm > goal and done < params.iterations:
             last = norm
-            norm = math.sqrt(grids.chunk.run(*arrays))
-            done += CHUNK
-        if norm > 0.9 * before:  # as good as float32 gets
+            norm = math.sqrt(grids.sweeps.run(*arrays))
+            done += SWEEPS_ALONE
+            slow = norm < 0.3 * last
+        if norm > 0.7 * before:  # as good as float32 gets
             break
     grids.finish.run(*arrays)
     return norm / right, done
