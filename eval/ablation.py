@@ -135,9 +135,8 @@ def _unregistered(gauss_newton: Any) -> Any:
     """Registration that takes no step: it only measures the residual."""
 
     def measure(*arguments: Any) -> Any:
-        before, (iterations, *after) = arguments[:7], arguments[7:]
-        assert isinstance(iterations, int)
-        return gauss_newton(*before, 0, *after)
+        *before, _iterations, stride, inside = arguments
+        return gauss_newton(*before, 0, stride, inside)
 
     return measure
 

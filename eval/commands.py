@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from . import ablation, regression
+from .progress import Steps, make_console
 from .report import write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
 from .runner import TIMED_UPDATES, Limits, make_jobs, measure_speed, run_jobs
@@ -32,19 +29,23 @@ from .trackers import DEFAULT_TRACKERS, TrackerSpec, find_tracker
 
 __all__ = ["ablate", "bench", "check", "report", "run", "speed"]
 
-# A table that is written to a file or a pipe is not squeezed into 80 columns.
-_console = Console(width=None if sys.stdout.isatty() else 200)
+_console = make_console()
 
-_Out = Annotated[Path, tyro.conf.arg(help="folder of all results; each suite or data set has one of its own in it")]
+_Suite = Annotated[str | None, tyro.conf.arg(help='Synthetic suite; "standard" when no data set is given.')]
+_Dataset = Annotated[str | None, tyro.conf.arg(help="otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.")]
+_Trackers = Annotated[tuple[str, ...], tyro.conf.arg(help="Names, or pkg.module:factory.")]
+_Sequences = Annotated[tuple[str, ...], tyro.conf.arg(help="Only these.")]
+_Jobs = Annotated[int, tyro.conf.arg(help="Processes at a time.")]
+_Out = Annotated[Path, tyro.conf.arg(help="Folder of all results; each suite or data set has one of its own in it.")]
 
 
 def run(
     *,
-    suite: str | None = None,
-    dataset: str | None = None,
-    trackers: tuple[str, ...] = DEFAULT_TRACKERS,
-    sequences: tuple[str, ...] = (),
-    jobs: int = 2,
+    suite: _Suite = None,
+    dataset: _Dataset = None,
+    trackers: _Trackers = DEFAULT_TRACKERS,
+    sequences: _Sequences = (),
+    jobs: _Jobs = 2,
     timeout: float = 300.0,
     memory: float = 2048.0,
     starts: int = 0,
@@ -56,16 +57,6 @@ def run(
 
     Parameters
     ----------
-    suite
-        Synthetic suite; "standard" when no data set is given.
-    dataset
-        otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.
-    trackers
-        Names, or pkg.module:factory.
-    sequences
-        Only these.
-    jobs
-        Processes at a time.
     timeout
         Seconds for one tracker on one sequence.
     memory
@@ -76,8 +67,6 @@ def run(
         Only the first so many of each sequence.
     retry_failed
         Run those again that failed before.
-    out
-        Folder of the results.
     """
     specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
     source, found = _load(suite, dataset, sequences, frames)
@@ -89,10 +78,10 @@ def run(
 
 def speed(
     *,
-    suite: str | None = None,
-    dataset: str | None = None,
-    trackers: tuple[str, ...] = DEFAULT_TRACKERS,
-    sequences: tuple[str, ...] = (),
+    suite: _Suite = None,
+    dataset: _Dataset = None,
+    trackers: _Trackers = DEFAULT_TRACKERS,
+    sequences: _Sequences = (),
     frames: int = TIMED_UPDATES,
     timeout: float = 60.0,
     out: _Out = Path("results"),
@@ -101,20 +90,10 @@ def speed(
 
     Parameters
     ----------
-    suite
-        Synthetic suite; "standard" when no data set is given.
-    dataset
-        otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.
-    trackers
-        Names, or pkg.module:factory.
-    sequences
-        Only these.
     frames
         Timed updates per sequence and tracker, after five to warm up.
     timeout
         Seconds for one update.
-    out
-        Folder of the results.
     """
     specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
     source, found = _load(suite, dataset, sequences, None)
@@ -136,8 +115,6 @@ def report(
 
     Parameters
     ----------
-    out
-        Folder of the results.
     only
         One suite or data set of them, by the name of its folder.
     chosen
@@ -159,7 +136,7 @@ def report(
         _console.print(f"report: {(path / 'report.html').resolve()}", soft_wrap=True)
 
 
-def bench(*, suite: str = "standard", jobs: int = 2, repeats: int = 1, out: _Out = Path("results")) -> None:
+def bench(*, suite: str = "standard", jobs: _Jobs = 2, repeats: int = 1, out: _Out = Path("results")) -> None:
     """Everything on one suite with every tracker: accuracy, speed, report.
 
     Parameters
@@ -171,8 +148,6 @@ def bench(*, suite: str = "standard", jobs: int = 2, repeats: int = 1, out: _Out
     repeats
         Most runs to average of a tracker that differs from run to run. That is MIL, which takes half of the time:
         `run` gives it three runs, and goes on from here.
-    out
-        Folder of the results.
     """
     specs = [find_tracker(name) for name in DEFAULT_TRACKERS]
     specs = [replace(spec, repeats=min(spec.repeats, repeats)) for spec in specs]
@@ -186,29 +161,19 @@ def bench(*, suite: str = "standard", jobs: int = 2, repeats: int = 1, out: _Out
 
 def ablate(
     *,
-    suite: str | None = None,
-    dataset: str | None = None,
+    suite: _Suite = None,
+    dataset: _Dataset = None,
     parts: tuple[str, ...] = (),
-    sequences: tuple[str, ...] = (),
-    jobs: int = 2,
+    sequences: _Sequences = (),
+    jobs: _Jobs = 2,
     out: _Out = Path("results"),
 ) -> None:
     """What each part of TrackerHS is worth: mean IoU with one part taken out, or with another flow in it.
 
     Parameters
     ----------
-    suite
-        Synthetic suite; "standard" when no data set is given.
-    dataset
-        otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.
     parts
         Only these, by their names in eval/ablation.py.
-    sequences
-        Only these.
-    jobs
-        Processes at a time.
-    out
-        Folder of the results.
     """
     specs = ablation.specs(parts)
     source, found = _load(suite, dataset, sequences, None)
@@ -225,7 +190,7 @@ def ablate(
         _console.print(console_table(failures, "runs that did not go through"))
 
 
-def check(*, suite: str = "smoke", tracker: str = "TrackerHS", jobs: int = 2, update: bool = False) -> int:
+def check(*, suite: str = "smoke", tracker: str = "TrackerHS", jobs: _Jobs = 2, update: bool = False) -> int:
     """Compare mean IoU with the committed reference figures; fails when it fell.
 
     Parameters
@@ -234,8 +199,6 @@ def check(*, suite: str = "smoke", tracker: str = "TrackerHS", jobs: int = 2, up
         Synthetic suite.
     tracker
         Name, or pkg.module:factory.
-    jobs
-        Processes at a time.
     update
         Write the figures instead of comparing with them.
     """
@@ -277,17 +240,6 @@ def _folder_name(suite: str | None, dataset: str | None) -> str:
     return f"{kind}-{Path(where.rpartition('+')[0] or where).expanduser().resolve().stem}"
 
 
-def _progress() -> Progress:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    return Progress(*columns, console=_console)
-
-
 def _run_with_progress(
     specs: list[TrackerSpec],
     sequences: list[Sequence],
@@ -298,17 +250,14 @@ def _run_with_progress(
     retry_failed: bool,
 ) -> None:
     jobs = make_jobs(specs, sequences, starts=starts)
-    lock = threading.Lock()
-    with _progress() as progress:
-        task = progress.add_task(f"{len(specs)} trackers × {len(sequences)} sequences", total=len(jobs))
+    with Steps(_console, f"{len(specs)} trackers × {len(sequences)} sequences", len(jobs)) as steps:
 
         def done(finished: Run, reused: bool, note: str) -> None:
-            with lock:
-                progress.advance(task)
-                if note:
-                    progress.console.print(f"[yellow]{note}")
-                if finished.status != COMPLETED and not reused:
-                    progress.console.print(f"[yellow]{finished.tracker} on {finished.sequence}: {finished.status}")
+            steps.advance()
+            if note:
+                steps.say(note)
+            if finished.status != COMPLETED and not reused:
+                steps.say(f"{finished.tracker} on {finished.sequence}: {finished.status}")
 
         run_jobs(jobs, folder, workers=workers, limits=limits, retry_failed=retry_failed, report=done)
 
@@ -316,14 +265,13 @@ def _run_with_progress(
 def _speed_with_progress(
     specs: list[TrackerSpec], sequences: list[Sequence], folder: Folder, frames: int, limits: Limits
 ) -> None:
-    with _progress() as progress:
-        task = progress.add_task(f"speed of {len(specs)} trackers", total=len(sequences))
+    with Steps(_console, f"speed of {len(specs)} trackers", len(sequences)) as steps:
 
         def done(measured: SpeedRun, reused: bool) -> None:
-            progress.advance(task)
+            steps.advance()
             for tracker, status in measured.status.items():
                 if status != COMPLETED and not reused:
-                    progress.console.print(f"[yellow]{tracker} on {measured.sequence}: {status}")
+                    steps.say(f"{tracker} on {measured.sequence}: {status}")
 
         measure_speed(specs, sequences, folder, frames=frames, limits=limits, report=done)
 

@@ -7,7 +7,6 @@ same frames, is not measured again.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +17,7 @@ from .flow_data import FlowPair, dataset_pairs, suite_pairs
 from .flow_methods import FLOW_METHODS, flow_method
 from .flow_picture import flow_to_color, largest_flow
 from .flow_run import FlowResult, MethodProcess, RunOptions, picture_path, run_pair
+from .progress import Steps, make_console
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -55,7 +55,7 @@ def compare(
     out: Path,
     *,
     options: RunOptions,
-    progress: Callable[[str, str], None] = lambda method, pair: None,
+    done: Callable[[str, str], None] = lambda method, pair: None,
 ) -> list[FlowResult]:
     """Every method on every pair.
 
@@ -67,8 +67,8 @@ def compare(
     out : Path
         Where results and pictures are kept.
     options : RunOptions
-    progress : callable, optional
-        Called with (method, pair) before each run.
+    done : callable, optional
+        Called with (method, pair) after each run.
 
     Returns
     -------
@@ -89,8 +89,8 @@ def compare(
     for name in methods:
         with MethodProcess(name) as process:
             for pair in pairs:
-                progress(name, pair.name)
                 results.append(run_pair(process, pair, out, options))
+                done(name, pair.name)
     return results
 
 
@@ -130,8 +130,6 @@ def main_flow(
     out
         Folder of all comparisons; each suite or data set has one of its own in it.
     """
-    from rich.console import Console
-
     from .flow_plots import save_plots
     from .flow_tables import results_frame, save_tables, show
 
@@ -140,8 +138,7 @@ def main_flow(
     names = tuple(dict.fromkeys(methods)) or tuple(FLOW_METHODS)
     for name in names:
         flow_method(name)  # an unknown name must not cost the rendering of a suite
-    # A table that is written to a file or a pipe is not squeezed into 80 columns.
-    console = Console(width=None if sys.stdout.isatty() else 160)
+    console = make_console()
     with console.status("loading the pairs"):
         material = list(collect_pairs(suite, dataset, pairs))
     folder = out / (suite or str(dataset).partition(":")[0])
@@ -156,18 +153,7 @@ def main_flow(
 def _with_progress(
     console: Console, pairs: list[FlowPair], methods: tuple[str, ...], out: Path, options: RunOptions
 ) -> list[FlowResult]:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("flow", total=len(pairs) * len(methods))
-        done = -1
-
-        def progress(method: str, pair: str) -> None:
-            nonlocal done
-            done += 1
-            bar.update(task, completed=done, description=f"{method} · {pair}")
-
-        results = compare(pairs, methods, out, options=options, progress=progress)
-        bar.update(task, completed=done + 1, description="flow")
-    return results
+    with Steps(console, "flow", len(pairs) * len(methods)) as steps:
+        return compare(
+            pairs, methods, out, options=options, done=lambda method, pair: steps.advance(f"{method} · {pair}")
+        )

@@ -21,7 +21,7 @@ CUTS = [pytest.param(cut, id=f"{name}-{cut.module}") for name, part in ABLATIONS
 class Tripwire:
     """Raises as soon as it is used."""
 
-    def __call__(self, *arguments: Any, **options: Any) -> Any:
+    def __call__(self, *arguments: Any, **options: Any) -> Any:  # noqa: D102
         raise AssertionError("reached")
 
     def __getattr__(self, name: str) -> Any:
@@ -85,7 +85,8 @@ def test_an_ablated_tracker_still_tracks(
     """What is left of the tracker answers every frame with a flag and a box."""
     restored(name)
     for ok, box in follow(ablated(name), frames):
-        assert isinstance(ok, bool) and len(box) == 4
+        assert isinstance(ok, bool)
+        assert len(box) == 4
 
 
 def test_whole_is_the_tracker_itself(frames: list[NDArray[np.uint8]]) -> None:
@@ -106,5 +107,6 @@ def test_the_command_prints_and_stores_a_table(tmp_path: Any, capfd: pytest.Capt
     arguments = ["ablate", "--suite", "smoke", "--sequences", "smoke_move", "--parts", "layers-only"]
     assert main([*arguments, "--out", str(tmp_path)]) == 0
     table = (tmp_path / "ablation-smoke" / "tables" / "ablation.md").read_text(encoding="utf-8")
-    assert "whole" in table and "segmentation always" in table
+    assert "whole" in table
+    assert "segmentation always" in table
     assert "segmentation always" in capfd.readouterr().out

@@ -368,7 +368,7 @@ def test_one_failure_costs_one_row(tmp_path):
         names,
         tmp_path,
         options=flow_run.RunOptions(repeats=1),
-        progress=lambda method, pair: calls.append((method, pair)),
+        done=lambda method, pair: calls.append((method, pair)),
     )
     assert calls == [(name, "pair") for name in names]
     summary = flow_tables.summary_table(flow_tables.results_frame(results))

@@ -1,0 +1,37 @@
+"""What long work says while it runs."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console
+
+from eval import progress
+from eval.progress import Steps
+
+
+def test_lines_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a file there is a line now and then with what is done so far, and one at the end."""
+    monkeypatch.setattr(progress, "LINE_SECONDS", -1.0)
+    text = io.StringIO()
+    with Steps(Console(file=text, width=80), "work", 3) as steps:
+        steps.advance("first")
+        steps.advance()
+        steps.say("look here")
+    lines = text.getvalue().splitlines()
+    assert [line[: len("work: n of 3")] for line in lines] == [
+        "work: 1 of 3",
+        "work: 2 of 3",
+        "look here",
+        "work: 2 of 3",
+    ]
+
+
+def test_a_bar_on_a_terminal() -> None:
+    """A terminal gets a bar, and no lines."""
+    text = io.StringIO()
+    with Steps(Console(file=text, force_terminal=True, width=80), "work", 2) as steps:
+        steps.advance("first")
+    assert "1/2" in text.getvalue()
+    assert "of 2 in" not in text.getvalue()
