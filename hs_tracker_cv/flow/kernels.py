@@ -59,7 +59,7 @@ FOUR = np.uint64(4)
     RESAMPLE,
     WARP,
     MEDIAN,
-    SCALE,
+    SCALED,
     RESIDUAL,
     MEASURED_SWEEP,
     PROJECT,
@@ -140,26 +140,65 @@ def add(b: Pixels, a: Pixels, factor: Lanes) -> None:
     b[0] = b[0] + factor * a[0]
 
 
-@formula
-def cube(a: Pixels, b: Pixels, f: Pixels, d: Index, s: Index) -> None:
-    """Average four first differences over the 2 × 2 × 2 cube (step 3 of the paper)."""
+def cube_slopes(a: Pixels, b: Pixels, s: Index) -> list[Lanes]:
+    """Average four first differences over the 2 × 2 × 2 cube (step 3 of the paper): F_x, F_y, F_t."""
     a00, a01, a10, a11 = a[0], a[1], a[s], a[s + 1]
     b00, b01, b10, b11 = b[0], b[1], b[s], b[s + 1]
-    f[0] = 0.25 * (((a01 - a00) + (a11 - a10)) + ((b01 - b00) + (b11 - b10)))
-    f[d] = 0.25 * (((a10 - a00) + (a11 - a01)) + ((b10 - b00) + (b11 - b01)))
-    f[2 * d] = 0.25 * (((b00 - a00) + (b01 - a01)) + ((b10 - a10) + (b11 - a11)))
+    return [
+        0.25 * (((a01 - a00) + (a11 - a10)) + ((b01 - b00) + (b11 - b10))),
+        0.25 * (((a10 - a00) + (a11 - a01)) + ((b10 - b00) + (b11 - b01))),
+        0.25 * (((b00 - a00) + (b01 - a01)) + ((b10 - a10) + (b11 - a11))),
+    ]
+
+
+def five_tap_slopes(a: Pixels, b: Pixels, s: Index) -> list[Lanes]:
+    """Take the central differences of Barron, Fleet & Beauchemin (1994) on the mean of both frames; F_t = b − a."""
+
+    def slope(step: Index | int) -> Lanes:
+        near = (a[step] - a[-step]) + (b[step] - b[-step])
+        far = (a[2 * step] - a[-2 * step]) + (b[2 * step] - b[-2 * step])
+        return 8.0 / 24.0 * near - 1.0 / 24.0 * far
+
+    return [slope(1), slope(s), b[0] - a[0]]
+
+
+@formula
+def cube(a: Pixels, b: Pixels, f: Pixels, d: Index, s: Index) -> None:
+    """Write the derivatives to three planes."""
+    f[0], f[d], f[2 * d] = cube_slopes(a, b, s)
 
 
 @formula
 def five_tap(a: Pixels, b: Pixels, f: Pixels, d: Index, s: Index) -> None:
-    """Take the central differences of Barron, Fleet & Beauchemin (1994) on the mean of both frames; F_t = b − a."""
+    """Write the derivatives to three planes."""
+    f[0], f[d], f[2 * d] = five_tap_slopes(a, b, s)
 
-    def difference(step):
-        return (a[step] - a[-step]) + (b[step] - b[-step])
 
-    f[0] = 8.0 / 24.0 * difference(1) - 1.0 / 24.0 * difference(2)
-    f[d] = 8.0 / 24.0 * difference(s) - 1.0 / 24.0 * difference(2 * s)
-    f[2 * d] = b[0] - a[0]
+def scaled(slopes: list[Lanes], g: Pixels, d: Index, lam: Lanes) -> Lanes:
+    """Write the sweep's coefficients g = F / √D with D = λ² + F_x² + F_y² to three planes, and D / λ² to a fourth.
+
+    The sum is that of the squared right-hand side F_t ∇F.
+    """
+    fx, fy, ft = slopes
+    square = fx * fx + fy * fy
+    factor = 1.0 / (lam * lam + square).sqrt()
+    g[0] = fx * factor
+    g[d] = fy * factor
+    g[2 * d] = ft * factor
+    g[3 * d] = 1.0 + square / (lam * lam)
+    return square * ft * ft
+
+
+@formula
+def scaled_cube(a: Pixels, b: Pixels, g: Pixels, d: Index, s: Index, lam: Lanes) -> Lanes:
+    """Write the coefficients of the paper's system."""
+    return scaled(cube_slopes(a, b, s), g, d, lam)
+
+
+@formula
+def scaled_five_tap(a: Pixels, b: Pixels, g: Pixels, d: Index, s: Index, lam: Lanes) -> Lanes:
+    """Write the coefficients of the paper's system with the other derivatives."""
+    return scaled(five_tap_slopes(a, b, s), g, d, lam)
 
 
 @formula
@@ -175,22 +214,6 @@ def normalise(f: Pixels, mask: Pixels, u: Pixels, d: Index, lam: Lanes, outlier:
     f[0] = fx * scale
     f[d] = fy * scale
     f[2 * d] = (ft - fx * u[0] - fy * u[d]) * scale
-
-
-@formula
-def scale(f: Pixels, d: Index, lam: Lanes) -> Lanes:
-    """Turn derivatives `f` into the sweep's coefficients g = F / √D with D = λ² + F_x² + F_y², in place.
-
-    The plane after them becomes D / λ². The sum is that of the squared right-hand side F_t ∇F.
-    """
-    fx, fy, ft = f[0], f[d], f[2 * d]
-    square = fx * fx + fy * fy
-    factor = 1.0 / (lam * lam + square).sqrt()
-    f[0] = fx * factor
-    f[d] = fy * factor
-    f[2 * d] = ft * factor
-    f[3 * d] = 1.0 + square / (lam * lam)
-    return square * ft * ft
 
 
 def columns(u: Pixels, d: Index, s: Index) -> list[Lanes]:
@@ -420,7 +443,7 @@ def median_5x5(around: Around, a: Pixels, b: Pixels, s: Index) -> None:
 
 
 def data_term(g: Pixels, d: Index, u: Lanes, v: Lanes) -> list[Lanes]:
-    """F_x (F_x u + F_y v + F_t) / λ² and the same with F_y before the bracket, from what :func:`scale` leaves."""
+    """F_x (F_x u + F_y v + F_t) / λ² and the same with F_y before the bracket, from what :func:`scaled` leaves."""
     gx, gy = g[0], g[d]
     t = g[3 * d] * (gx * u + gy * v + g[2 * d])
     return [gx * t, gy * t]
@@ -453,7 +476,7 @@ def measured_sweep(around: Around, u: Pixels, new: Pixels, g: Pixels, d: Index, 
 def project(g: PixelsOfTwo, b: Pixels, d: Index, size: Index) -> None:
     """Sum (F_x², F_x F_y, F_y², −F_t F_x, −F_t F_y) / λ² over 2 × 2 pixels into five planes, `size` apart.
 
-    The ring of the planes that :func:`scale` leaves must hold zeros: what is missing at odd sizes counts as zero, or
+    The ring of the planes that :func:`scaled` leaves must hold zeros: what is missing at odd sizes counts as zero, or
     the system would lose its symmetry.
     """
     gx, gy, gt, weight = ([*g.pair(i), *g.pair(i + g.stride)] for i in (0 * d, d, 2 * d, 3 * d))
@@ -591,9 +614,13 @@ def run(program: Steps, factors: Factors, m: Memory, frame0: Frame, frame1: Fram
                     median_3x3(m, h, w, s, a, b, s)
                 else:
                     median_5x5(m, h, w, s, a, b, s)
-            elif code == SCALE:
+            elif code == SCALED:
+                if e == ONE:
+                    total = scaled_five_tap(m, h, w, s, a, c, b, d, s, f0)
+                else:
+                    total = scaled_cube(m, h, w, s, a, c, b, d, s, f0)
                 square = np.float64(f0) * f0
-                total = scale(m, h, w, s, b, d, f0) / (square * square)
+                total /= square * square
             elif code == RESIDUAL:
                 residual(m, h, w, s, a, b, c, d, s)
             elif code == MEASURED_SWEEP:

@@ -19,7 +19,7 @@ COARSEST = 4
 """Shortest side of the coarsest grid, px."""
 
 SWEEPS = 6
-"""Sweeps on the finest grid at the end of a cycle."""
+"""Sweeps on the finest grid after full multigrid and at the end of a cycle."""
 
 RADIUS = 0.8
 """Upper end of the spectrum that their weights are made for; what is slower, coarser grids do."""
@@ -36,8 +36,8 @@ Size = tuple[int, int]
 class GridPlan(NamedTuple):
     """What does not change from frame to frame: sizes of the grids, the finest first; memory in floats; programs.
 
-    `begin` makes the systems, `guess` loads a first guess and `full` makes one by full multigrid; `cycle`, a V cycle,
-    and `sweeps` improve it; `finish` stores it.
+    `begin` makes the systems, `guess` loads a first guess and `full` makes one by full multigrid; `smooth`, a few
+    sweeps, `cycle`, a V cycle, and `sweeps`, more of them, improve it; `finish` stores it.
     """
 
     sizes: tuple[Size, ...]
@@ -45,6 +45,7 @@ class GridPlan(NamedTuple):
     begin: Program
     guess: Program
     full: Program
+    smooth: Program
     cycle: Program
     sweeps: Program
     finish: Program
@@ -58,7 +59,7 @@ def plan(height: int, width: int, five: bool, smoothness: float) -> GridPlan:
         h, w = sizes[-1]
         sizes.append(((h + 1) // 2, (w + 1) // 2))
     grids = _Grids(tuple(sizes), five, smoothness)
-    parts = (grids.begin, grids.guess, grids.full, grids.cycle, grids.sweeps, grids.finish)
+    parts = (grids.begin, grids.guess, grids.full, grids.smooth, grids.cycle, grids.sweeps, grids.finish)
     return GridPlan(grids.sizes, grids.memory, *(part() for part in parts))
 
 
@@ -89,10 +90,8 @@ class _Grids:
         for frame in range(2):
             writer.load(frame, self.other + frame * self.d, self.size)
         first, second = self.other, self.other + self.d
-        writer.add(kernels.DERIVE, self.size, first, self.slopes, second, self.d, int(self.five))
-        writer.add(
-            kernels.SCALE, self.size, 0, self.slopes, 0, self.d, factors=(self.smoothness,), rings=4, zero=True
-        )
+        options: Any = {"factors": (self.smoothness,), "rings": 4, "zero": True}
+        writer.add(kernels.SCALED, self.size, first, self.slopes, second, self.d, int(self.five), **options)
         for level in range(1, len(self.sizes)):
             coarse, fine, base = self.sizes[level], self.sizes[level - 1], self.bases[level]
             if level == 1:
@@ -119,6 +118,12 @@ class _Grids:
         for level in reversed(range(1, len(self.sizes))):
             self._cycle(writer, level, guessed=level + 1 < len(self.sizes))
             self._prolong(writer, level, self._pair(level - 1), add=False)
+        return writer.program()
+
+    def smooth(self) -> Program:
+        """Program for a few sweeps; its sum is the squared residual's before the last one."""
+        writer = ProgramWriter()
+        self._sweeps(writer, SWEEPS, RADIUS)
         return writer.program()
 
     def cycle(self) -> Program:
@@ -212,8 +217,8 @@ def solve(
 ) -> tuple[float, int]:
     """Solve for the flow between two frames (H, W, 1) into `flow` (H, W, 2).
 
-    Full multigrid, or with `started` the first guess that `flow` holds; then V cycles, and sweeps where
-    those become slow.
+    Full multigrid, or with `started` the first guess that `flow` holds; a few sweeps; then V cycles, and
+    sweeps alone where those become slow.
 
     Returns
     -------
@@ -229,7 +234,8 @@ def solve(
         return 0.0, 0
     (grids.guess if started else grids.full).run(*arrays)
     goal = params.tolerance * right
-    done, norm = 0, math.inf
+    norm = math.sqrt(grids.smooth.run(*arrays))
+    done = SWEEPS
     while done < params.iterations and norm > goal:
         before = norm
         norm = math.sqrt(grids.cycle.run(*arrays))

@@ -134,8 +134,7 @@ class _Writer(ProgramWriter):
         second = first + area(size)
         five = int(params.derivative == "five-tap")
         if params.mode == "classic":
-            self.add(kernels.DERIVE, size, first, self.slopes, second, d, five)
-            self.add(kernels.SCALE, size, 0, self.slopes, 0, d, factors=(params.smoothness,))
+            self.add(kernels.SCALED, size, first, self.slopes, second, d, five, factors=(params.smoothness,))
             return
         self.add(kernels.WARP, size, second, self.warped, self.pair, d, self.mask, self.row, rings=1)
         self.add(kernels.DERIVE, size, first, self.slopes, self.warped, d, five)
