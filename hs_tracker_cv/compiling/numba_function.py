@@ -32,8 +32,15 @@ def _type(hint: Any) -> Any:
     if get_origin(hint) is not Annotated:
         return from_dtype(np.dtype(hint))
     array, ndim = get_args(hint)
-    element = get_args(get_args(array)[1])[0]
+    (element,) = _elements(array)
     return types.Array(from_dtype(np.dtype(element)), ndim, "C")
+
+
+def _elements(hint: Any) -> list[type[np.generic]]:
+    """NumPy's scalar types in a hint, wherever the version of NumPy has them in `NDArray`."""
+    if isinstance(hint, type) and issubclass(hint, np.generic):
+        return [hint]
+    return [element for argument in get_args(hint) for element in _elements(argument)]
 
 
 def function_for(kernel: Kernel, compiled: Callable[[Part], Any]) -> FunctionType:
