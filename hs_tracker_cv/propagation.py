@@ -7,6 +7,8 @@ Each frame, in patches resampled round the box so that the object always has the
    translation and a scale, moves and resizes the box.
 3. *Hold*: the flow from stored keyframes to the present patch takes out the drift of summed increments.
 4. *Judge*: agreement with what was learned decides whether to follow, to learn, to coast or to search.
+5. *Keep*: the flow also says how much of what was in the box is still in it. A target that turns looks like nothing
+   that was learned, but its surface goes on in the box; one that is hidden is replaced by what comes from outside.
 
 All functions are pure: a state goes in, a new one comes out, and no array of the old one is written to.
 """
@@ -15,8 +17,7 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import astuple, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -36,9 +37,11 @@ _CONTRAST = 32.0
 _MASK_FLOOR = 0.15
 _KEY_MATCH = 0.7
 _MIN_SIDE = 6.0
-_LOOKS, _SPIRAL = 4, 60
+_CLEARLY = 0.1
 _RIDE_RATE = 0.03
-_GOOD, _WEAK, _BAD = "good", "weak", "bad"
+_LOOKS, _SPIRAL = 4, 60
+_ZOOMS = (0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.7)
+_GOOD, _UNSURE, _WEAK, _BAD = "good", "unsure", "weak", "bad"
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,22 @@ class PropagationParams:
         Difference of motion, fine samples per frame, from which object and surroundings are told apart.
     mask_rate : float
         Share of one frame in the memory of which pixels move with the object.
+    same, changed : float
+        Difference of normalised gray levels up to which a pixel carried by the flow is the same, and from which it
+        is another one.
+    keep_rate : float
+        How fast a pixel that looks as it was learned counts as the object's again.
+    coherent : float
+        Correlation of successive patches along the flow from which one continues the other; less takes its share
+        from what is kept.
+    unsure, new_key : float
+        Share of the box kept from which a weak peak is still believed to be the object, and from which a new
+        keyframe may be added.
+    reset_below, reset_match, reset_gain : float
+        Agreement with the first keyframe below which other sizes are tried every `reset_every` good frames, the
+        agreement that one of them must have, and by how much it must be the better one.
+    reset_every : int
+        See there.
     """
 
     fine_size: float = 32.0
@@ -130,6 +149,16 @@ class PropagationParams:
     match_rate: float = 0.1
     separation: float = 0.3
     mask_rate: float = 0.1
+    same: float = 16.0
+    changed: float = 40.0
+    keep_rate: float = 0.2
+    coherent: float = 0.6
+    unsure: float = 0.3
+    new_key: float = 0.8
+    reset_below: float = 0.6
+    reset_match: float = 0.7
+    reset_gain: float = 0.15
+    reset_every: int = 5
 
 
 @dataclass(frozen=True)
@@ -143,11 +172,11 @@ class Pose:
 
     def moved(self, dx: float, dy: float) -> Pose:
         """Return the pose translated by (dx, dy) px."""
-        return replace(self, cx=self.cx + dx, cy=self.cy + dy)
+        return Pose(self.cx + dx, self.cy + dy, self.sx, self.sy)
 
     def scaled(self, factor: float) -> Pose:
         """Return the pose with its size multiplied."""
-        return replace(self, sx=self.sx * factor, sy=self.sy * factor)
+        return Pose(self.cx, self.cy, self.sx * factor, self.sy * factor)
 
 
 @dataclass(frozen=True)
@@ -161,6 +190,8 @@ class _Geometry:
     inner: F32
     weights: F32
     outside: F32
+    body: F32
+    body_weights: F32
     window: F32
     inside: NDArray[np.bool_]
     across: F32
@@ -181,18 +212,44 @@ class PropagationReport:
         Agreement with what was learned, 0–1.
     lost : bool
         Searching.
-    debug : dict
-        `flow` (h, w, 2) in fine samples, between the fine patches `previous` and `current`; `pose` (cx, cy,
-        scale x, scale y) of `current`; `ncc`, its agreement with the mean patch; `peak` and `response` of the
-        correlation filter; `keys`, the agreement with each keyframe; `mask`, how far each pixel belongs to the
-        object's motion; `verdict`, one of "good", "weak" and "bad".
+    origin : tuple of float
+        Top-left of the window, frame px.
+    step : tuple of float
+        Frame px per window pixel, across and down.
+    previous, current : ndarray, shape (h, w), float32
+        Windows the flow was computed on: gray, under the object of mean 0 and deviation 32.
+    flow : ndarray, shape (h, w, 2), float32
+        Window px per frame.
+    peak : float
+        Height of the correlation filter's peak.
+    response : ndarray, shape (rows, columns), float32
+        Response of the correlation filter.
+    agreement : float
+        Correlation with the mean patch, −1 to 1.
+    keys : tuple of float
+        Correlation with each keyframe; the first is the first frame.
+    kept : float
+        Share of the box that shows what it showed when it was last believed, 0–1.
+    verdict : str
+        "good": followed and learned. "unsure": it looks different, but what was in the box goes on there; followed,
+        not learned. "weak": followed, and about to be lost. "bad": not believed.
     """
 
     box: Box
     ok: bool
     score: float
     lost: bool
-    debug: dict[str, Any] = field(default_factory=dict)
+    origin: tuple[float, float]
+    step: tuple[float, float]
+    previous: F32
+    current: F32
+    flow: F32
+    peak: float
+    response: F32
+    agreement: float
+    keys: tuple[float, ...]
+    kept: float
+    verdict: str
 
 
 @dataclass(frozen=True)
@@ -222,6 +279,7 @@ class PropagationState:
     match: float
     good_frames: int
     low: int
+    kept: F32
     report: PropagationReport
 
 
@@ -234,6 +292,7 @@ class _View:
         self._thin = max(1, int(fine / 2.0))
         self._frame = Frame(frame.pixels[:: self._thin, :: self._thin], frame.gain)
         self._geometry = geometry
+        self._seen: dict[Pose, F32] = {}
         self._left = self._top = self._right = self._bottom = 0
         self._colour: F32 = np.empty((0, 0, 1), np.float32)
         self._gray = self._colour
@@ -242,6 +301,8 @@ class _View:
 
     def fine(self, pose: Pose) -> F32:
         """Normalised gray patch at a pose: zero mean under the inner weights, deviation about 32."""
+        if pose in self._seen:
+            return self._seen[pose]
         g = self._geometry
         gray = self._sample(pose, g.fine_step, *g.weights.shape, gray=True)[:, :, 0]
         gray = np.asarray(cv2.GaussianBlur(gray, (3, 3), 0.7), np.float32)
@@ -249,6 +310,7 @@ class _View:
         gray -= np.float32(mean)
         deviation = math.sqrt(max(float(np.vdot(g.inner, gray * gray)), 0.0))
         gray *= np.float32(_CONTRAST / (deviation + 4.0))
+        self._seen[pose] = gray
         return gray
 
     def fine_colour(self, pose: Pose) -> F32:
@@ -275,11 +337,14 @@ class _View:
 
     def _cut(self, pose: Pose, unit: float, rows: int, columns: int) -> None:
         t = self._thin
+        x, y = pose.cx / t, pose.cy / t
         half_x, half_y = unit * pose.sx * columns / 2 / t + 4, unit * pose.sy * rows / 2 / t + 4
-        left, right = int(pose.cx / t - half_x), int(pose.cx / t + half_x) + 1
-        top, bottom = int(pose.cy / t - half_y), int(pose.cy / t + half_y) + 1
-        if left >= self._left and top >= self._top and right <= self._right and bottom <= self._bottom:
+        inside = x - half_x >= self._left and x + half_x <= self._right
+        if inside and y - half_y >= self._top and y + half_y <= self._bottom:
             return
+        # Room for the pose to move in before all has to be cut again.
+        half_x, half_y = 1.1 * half_x, 1.1 * half_y
+        left, right, top, bottom = int(x - half_x), int(x + half_x) + 1, int(y - half_y), int(y + half_y) + 1
         self._left, self._top, self._right, self._bottom = left, top, right, bottom
         self._colour = crop(self._frame, left, top, right - left, bottom - top)
         self._gray = to_gray(self._colour)[:, :, None]
@@ -308,6 +373,7 @@ def _geometry(box: Box, p: PropagationParams) -> _Geometry:
     square = x * x + y * y
     weights = np.exp(-((square / 0.9**2) ** 2))
     inner = np.exp(-((square / 0.85**2) ** 2))
+    inner /= inner.sum()
     outside = np.maximum(np.abs(x), np.abs(y)) > 1.1
     cw, ch = (cv2.getOptimalDFTSize(round(n / coarse_step / 2 + p.coarse_margin)) * 2 for n in (box.w, box.h))
     y, x = np.mgrid[:ch, :cw].astype(np.float32)
@@ -315,9 +381,16 @@ def _geometry(box: Box, p: PropagationParams) -> _Geometry:
     across, down = x - x[0, cw // 2], y - y[ch // 2, 0]
     inside = (np.abs(x - x[0, -1] / 2) < 0.45) & (np.abs(y - y[-1, 0] / 2) < 0.45)
     return _Geometry(
-        box.w, box.h, fine_step, coarse_step, (inner / inner.sum()).astype(np.float32), weights.astype(np.float32),
-        outside.astype(np.float32), anchor.hann(ch, cw), inside, across, down,
+        box.w, box.h, fine_step, coarse_step, inner.astype(np.float32), weights.astype(np.float32),
+        outside.astype(np.float32), _halved((square < 1.2).astype(np.float32)),
+        np.float32(4.0) * _halved(inner.astype(np.float32)), anchor.hann(ch, cw), inside, across, down,
     )  # fmt: skip
+
+
+def _halved(plane: F32) -> F32:
+    """Mean of 2 × 2 samples."""
+    rows = plane[::2] + plane[1::2]
+    return np.asarray((rows[:, ::2] + rows[:, 1::2]) * np.float32(0.25), np.float32)
 
 
 def _bins(raw: F32) -> NDArray[np.int32]:
@@ -373,14 +446,18 @@ def start(frame: Frame, box: Box, params: PropagationParams) -> PropagationState
     view = _View(frame, g, pose)
     model = _first_model(view, g, pose, params)
     patch = model.previous
-    debug = {
-        "flow": np.zeros((*patch.shape, 2), np.float32), "previous": patch, "current": patch, "pose": astuple(pose),
-        "ncc": 1.0, "peak": 1.0, "keys": [1.0], "response": np.zeros_like(g.window), "mask": model.mask,
-        "verdict": _GOOD,
-    }  # fmt: skip
-    return PropagationState(
-        g, pose, (0.0, 0.0), model, 1.0, 1.0, 1, 0, PropagationReport(box, True, 1.0, False, debug)
-    )
+    report = PropagationReport(
+        box, True, 1.0, False, *_window(g, pose), patch, patch, np.zeros((*patch.shape, 2), np.float32), 1.0,
+        np.zeros_like(g.window), 1.0, (1.0,), 1.0, _GOOD,
+    )  # fmt: skip
+    return PropagationState(g, pose, (0.0, 0.0), model, 1.0, 1.0, 1, 0, g.body, report)
+
+
+def _window(g: _Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Origin and step of the fine patch at a pose."""
+    rows, columns = g.weights.shape
+    across, down = g.fine_step * pose.sx, g.fine_step * pose.sy
+    return (pose.cx + 0.5 - 0.5 * columns * across, pose.cy + 0.5 - 0.5 * rows * down), (across, down)
 
 
 def _first_model(view: _View, g: _Geometry, pose: Pose, p: PropagationParams) -> _Model:
@@ -412,27 +489,35 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     view = _View(frame, g, expected)
     found = _find(state, view, expected, params)
     carried = _carry(state, view, found.pose, params)
-    pose, keys = _hold(state, view, carried, params)
-    pose = _gate_scale(pose, state.pose, max(carried.agreement, *keys), g, frame)
+    pose, keys = _hold(state, view, frame, carried, params)
     verdict = _judge(state, frame, pose, expected, found.height, keys, params)
-    pose, velocity, low = _settle(state, pose, found.pose, verdict, params)
-    lost = low > params.patience
+    kept, coarse, leap = state.kept, found.pose, _jump(g, pose, expected) > params.far
+    tracking = state.low <= params.patience
+    if tracking and (leap or verdict != _GOOD):
+        stayed, coherence, kept = _continue(state, view, expected, params)
+        if _kept_share(kept, g) > params.unsure:
+            # What goes on in the box has not leapt out of it.
+            if leap and coherence > _coherence(state, view.fine(pose)) + _CLEARLY:
+                verdict, coarse = _UNSURE, stayed.pose
+            elif verdict == _WEAK:
+                verdict = _UNSURE
+    if verdict == _GOOD:
+        kept = g.body if leap or not tracking else _refreshed(state, view, carried, found.pose, pose, params)
+    pose, velocity, low = _settle(state, pose, coarse, verdict, params)
+    lost, share = low > params.patience, _kept_share(kept, g)
     model = state.model if lost and verdict == _BAD else replace(state.model, previous=view.fine(pose))
     peak, match, good_frames = state.peak, state.match, state.good_frames
     if verdict == _GOOD:
+        model = _learn(model, view, g, pose, carried, max(keys), share, params)
         match += params.match_rate * (max(keys) - match)
-        model = _learn(model, view, g, pose, carried, max(keys), params)
         good_frames += 1
         peak += max(0.05, 1.0 / good_frames) * (found.height - peak)
     report = PropagationReport(
-        _box(g, pose), not lost, _score(found.height + keys[0]), lost,
-        {
-            "flow": carried.flow, "previous": state.model.previous, "current": carried.seen_at_start,
-            "pose": astuple(found.pose), "ncc": carried.agreement, "peak": found.height, "keys": keys,
-            "response": found.response, "mask": model.mask, "verdict": verdict,
-        },
+        _box(g, pose), not lost, _score(found.height + keys[0]), lost, *_window(g, found.pose), state.model.previous,
+        carried.seen_at_start, carried.flow, found.height, found.response, carried.agreement, tuple(keys), share,
+        verdict,
     )  # fmt: skip
-    return PropagationState(g, pose, velocity, model, peak, match, good_frames, low, report)
+    return PropagationState(g, pose, velocity, model, peak, match, good_frames, low, kept, report)
 
 
 @dataclass(frozen=True)
@@ -573,23 +658,137 @@ def _carry(state: PropagationState, view: _View, coarse: Pose, p: PropagationPar
     return _Carried(fine, patch, agreement, prior, flow, weight, belongs, current)
 
 
-def _hold(state: PropagationState, view: _View, carried: _Carried, p: PropagationParams) -> tuple[Pose, list[float]]:
+def _continue(
+    state: PropagationState, view: _View, expected: Pose, p: PropagationParams
+) -> tuple[_Carried, float, F32]:
+    """Where the content of the box went, how well that can be followed, and how much of it is kept there.
+
+    Neither filter nor keyframes are asked: what they were taught is not what is seen.
+    """
+    g, model = state.geometry, state.model
+    current = view.fine(expected)
+    prior = g.weights * (np.float32(_MASK_FLOOR) + model.mask) * _body(state)
+    flow, weight, motion = _register(model.previous, current, prior, p, p.levels)
+    motion, belongs = _separate(model.previous, current, flow, weight, motion, g, p)
+    pose = _applied(expected, motion, g, 0.0)
+    patch = view.fine(pose)
+    before, coherence = _coherence(state, current), _coherence(state, patch)
+    if coherence < before - 0.02:
+        pose, patch, coherence = expected, current, before
+    carried = _Carried(
+        pose, patch, anchor.correlation(patch, model.mean, g.inner), prior, flow, weight, belongs, current
+    )
+    kept = _carried_along(state, carried, expected, pose, _halved(patch), p)
+    return carried, coherence, kept * np.float32(min(max(1.5 * coherence / p.coherent - 0.5, 0.0), 1.0))
+
+
+def _body(state: PropagationState) -> F32:
+    """Weights of what is kept, on the lattice of the fine patch."""
+    return np.asarray(np.float32(0.1) + state.kept.repeat(2, 0).repeat(2, 1), np.float32)
+
+
+def _coherence(state: PropagationState, patch: F32) -> float:
+    """How well a patch continues the last one."""
+    return anchor.correlation(patch, state.model.previous, state.geometry.inner * _body(state))
+
+
+def _refreshed(
+    state: PropagationState, view: _View, carried: _Carried, coarse: Pose, pose: Pose, p: PropagationParams
+) -> F32:
+    """What is kept at a pose that is believed: more, where it looks as it was learned."""
+    g, model = state.geometry, state.model
+    now = _halved(view.fine(pose))
+    kept = _carried_along(state, carried, coarse, pose, now, p)
+    error = (now - _halved(model.mean)) / (np.float32(10.0) + _halved(model.deviation))
+    return np.asarray(kept + np.float32(p.keep_rate) * np.exp(-error * error) * (g.body - kept), np.float32)
+
+
+def _carried_along(
+    state: PropagationState, carried: _Carried, coarse: Pose, pose: Pose, now: F32, p: PropagationParams
+) -> F32:
+    """Move what is kept with the flow; drop what changed on the way and what moves with the surroundings.
+
+    Parameters
+    ----------
+    carried : _Carried
+        Its flow ends in the patch at `coarse`.
+    pose : Pose
+        Where the result is wanted.
+    now : ndarray, shape (h / 2, w / 2), float32
+        Patch at `pose`, halved, as the result is.
+    """
+    g, kept = state.geometry, state.kept
+    if carried.belongs is not None:
+        textured = _halved(carried.weight / (carried.weight + np.float32(0.1)))
+        kept = kept * (np.float32(1.0) - textured * np.maximum(1.0 - 2.0 * _halved(carried.belongs), 0.0))
+    rows, columns = kept.shape
+    unit, zoom = 2.0 * g.fine_step * coarse.sx, pose.sx / coarse.sx
+    along = np.arange(columns, dtype=np.float32) - np.float32(0.5 * (columns - 1))
+    up = np.arange(rows, dtype=np.float32) - np.float32(0.5 * (rows - 1))
+    x = np.float32((pose.cx - coarse.cx) / unit + 0.5 * (columns - 1)) + np.float32(zoom) * along
+    y = np.float32((pose.cy - coarse.cy) / unit + 0.5 * (rows - 1)) + np.float32(zoom) * up
+    half = carried.flow[1::2, 1::2] * np.float32(0.5)
+    moved, before = _at(x[None, :] - half[:, :, 0], y[:, None] - half[:, :, 1], kept, _halved(state.model.previous))
+    unchanged = (np.float32(p.changed) - np.abs(before - now)) * np.float32(1.0 / (p.changed - p.same))
+    return np.asarray(moved * np.clip(unchanged, 0.0, 1.0), np.float32)
+
+
+def _at(x: F32, y: F32, *planes: F32) -> list[F32]:
+    """Bilinear reads of planes of one shape; beyond them their border is repeated."""
+    rows, columns = planes[0].shape
+    x, y = np.clip(x, 0.0, columns - 1.001), np.clip(y, 0.0, rows - 1.001)
+    left, top = x.astype(np.int32), y.astype(np.int32)
+    fx, fy, base = x - left, y - top, top * columns + left
+    out = []
+    for plane in planes:
+        one, two = plane.take(base), plane.take(base + columns)
+        one += fx * (plane.take(base + 1) - one)
+        two += fx * (plane.take(base + columns + 1) - two)
+        out.append(np.asarray(one + fy * (two - one), np.float32))
+    return out
+
+
+def _kept_share(kept: F32, g: _Geometry) -> float:
+    return float(np.vdot(kept, g.body_weights))
+
+
+def _hold(
+    state: PropagationState, view: _View, frame: Frame, carried: _Carried, p: PropagationParams
+) -> tuple[Pose, list[float]]:
     """Pose drawn half-way to the best keyframe, and the agreement with each keyframe."""
     g, pose = state.geometry, carried.pose
     scores = [anchor.correlation(carried.current, key, g.inner) for key in state.model.keys]
-    best, found = _KEY_MATCH, None
-    for index in sorted(range(len(scores)), key=lambda i: -scores[i])[:2]:
-        key = state.model.keys[index]
-        _, _, motion = _register(key, carried.current, carried.prior, p, p.key_levels)
-        candidate = _applied(pose, motion, g, p.max_key_scale)
-        score = anchor.correlation(view.fine(candidate), key, g.inner)
-        if score > max(best, scores[index]):
-            best, found = score, candidate
-        scores[index] = max(scores[index], score)
+    best, found = int(np.argmax(scores)), None
+    candidate, score = _registered(view, state.model.keys[best], carried.current, pose, carried.prior, g, p)
+    if score > scores[best]:
+        scores[best], found = score, candidate if score > _KEY_MATCH else None
+    if scores[0] < p.reset_below and state.good_frames % p.reset_every == 0:
+        reset, score = _first_at_other_sizes(state, view, pose, p)
+        if score > max(p.reset_match, scores[0] + p.reset_gain):
+            scores[0] = score
+            return reset, scores
     if found is not None:
         pose = pose.moved(0.5 * (found.cx - pose.cx), 0.5 * (found.cy - pose.cy))
         pose = pose.scaled(math.sqrt(found.sx / pose.sx))
-    return pose, scores
+    return _gate_scale(pose, state.pose, max(carried.agreement, *scores), g, frame), scores
+
+
+def _registered(
+    view: _View, key: F32, current: F32, pose: Pose, prior: F32, g: _Geometry, p: PropagationParams
+) -> tuple[Pose, float]:
+    """Pose to which the flow from a keyframe leads, and the agreement there; `current` is the patch at `pose`."""
+    _, _, motion = _register(key, current, prior, p, p.key_levels)
+    candidate = _applied(pose, motion, g, p.max_key_scale)
+    return candidate, anchor.correlation(view.fine(candidate), key, g.inner)
+
+
+def _first_at_other_sizes(
+    state: PropagationState, view: _View, pose: Pose, p: PropagationParams
+) -> tuple[Pose, float]:
+    """Best pose and agreement of the first keyframe: the only one whose size is what the user drew."""
+    g, key = state.geometry, state.model.keys[0]
+    tries = [pose.scaled(zoom) for zoom in _ZOOMS]
+    return max((_registered(view, key, view.fine(at), at, g.weights, g, p) for at in tries), key=lambda one: one[1])
 
 
 def _gate_scale(pose: Pose, old: Pose, agreement: float, g: _Geometry, frame: Frame) -> Pose:
@@ -616,15 +815,23 @@ def _judge(
     with all keyframes is how an occlusion begins, and must not be learned either.
     """
     g, level, evidence = state.geometry, height / max(state.peak, 1e-3), height + keys[0]
-    jump = math.hypot(pose.cx - expected.cx, pose.cy - expected.cy)
-    jump /= math.sqrt(g.w * g.h * expected.sx * expected.sy)
-    box = _box(g, pose)
-    if box.clip(frame.width, frame.height).area < 0.2 * box.area:
+    jump = _jump(g, pose, expected)
+    if _visible(_box(g, pose), frame) < 0.2:
         return _BAD
     enough = level > p.near_level if jump < p.far else level > p.far_level or evidence > p.sure
     if enough and evidence > p.confidence:
         return _WEAK if evidence < p.doubt and max(keys) < p.drop * state.match else _GOOD
     return _WEAK if jump < p.near and level > p.follow_level else _BAD
+
+
+def _jump(g: _Geometry, pose: Pose, expected: Pose) -> float:
+    """Distance from the prediction, box sizes."""
+    return math.hypot(pose.cx - expected.cx, pose.cy - expected.cy) / math.sqrt(g.w * g.h * expected.sx * expected.sy)
+
+
+def _visible(box: Box, frame: Frame) -> float:
+    """Share of a box inside the frame."""
+    return box.clip(frame.width, frame.height).area / box.area
 
 
 def _settle(
@@ -637,8 +844,9 @@ def _settle(
             return pose, (vx, vy), 0
         rate = p.velocity_rate
         return pose, (vx + rate * (pose.cx - old.cx - vx), vy + rate * (pose.cy - old.cy - vy)), 0
-    if verdict == _WEAK:
-        return replace(coarse, sx=old.sx, sy=old.sy), (0.5 * vx, 0.5 * vy), state.low + 1
+    if verdict in (_UNSURE, _WEAK):
+        low = max(state.low, 1) if verdict == _UNSURE else state.low + 1
+        return Pose(coarse.cx, coarse.cy, old.sx, old.sy), (0.5 * vx, 0.5 * vy), low
     low = state.low + 1
     if low > p.patience:
         return old, (0.0, 0.0), low
@@ -651,16 +859,24 @@ def _score(evidence: float) -> float:
 
 
 def _learn(
-    model: _Model, view: _View, g: _Geometry, pose: Pose, carried: _Carried, best_key: float, p: PropagationParams
+    model: _Model,
+    view: _View,
+    g: _Geometry,
+    pose: Pose,
+    carried: _Carried,
+    best_key: float,
+    kept: float,
+    p: PropagationParams,
 ) -> _Model:
-    patch, raw, rate = model.previous, view.coarse(pose), np.float32(p.patch_rate)
-    located = anchor.learn(model.located, _channels(raw, model.likelihood, g), p.filter_rate)
+    patch, rate = model.previous, np.float32(p.patch_rate)
     histograms, likelihood = model.histograms, model.likelihood
+    raw = view.coarse(pose)
+    located = anchor.learn(model.located, _channels(raw, model.likelihood, g), p.filter_rate)
     if histograms is not None:
         histograms = histograms + np.float32(p.colour_rate) * (_histograms(raw, g.inside) - histograms)
         likelihood = _likelihood(histograms)
     keys, age = model.keys, model.key_age + 1
-    if best_key < _KEY_MATCH and carried.agreement > 0.6 and age >= p.key_gap:
+    if best_key < _KEY_MATCH and carried.agreement > 0.6 and kept >= p.new_key and age >= p.key_gap:
         keys, age = (keys[0], *keys[1:][2 - p.keys :], patch), 0
     mask = model.mask
     if carried.belongs is not None:
@@ -700,4 +916,4 @@ def ride(state: PropagationState, box: Box) -> PropagationState:
         old.sy + _RIDE_RATE * (box.h / g.h - old.sy),
     )
     report = replace(state.report, box=box, ok=True, lost=False)
-    return replace(state, pose=pose, velocity=(0.0, 0.0), low=0, report=report)
+    return replace(state, pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, report=report)

@@ -352,13 +352,12 @@ def _view(state: LayersState | PropagationState) -> _View:
         height, width = seen.current.shape
         window = Box(*seen.origin, width * seen.step, height * seen.step)
         return _View(window, seen.step, seen.previous, seen.current, seen.flow, seen.mask.astype(bool))
-    debug, (cx, cy, scale_x, scale_y) = state.report.debug, state.report.debug["pose"]
-    height, width = debug["current"].shape
-    step_x, step_y = state.geometry.fine_step * scale_x, state.geometry.fine_step * scale_y
-    window = Box.from_centre(cx + 0.5, cy + 0.5, width * step_x, height * step_y)
+    carried = state.report
+    height, width = carried.current.shape
+    window = Box(*carried.origin, width * carried.step[0], height * carried.step[1])
     # patches are normalised to mean 0 and deviation 32
-    previous, current = (np.clip(debug[name] + 128.0, 0.0, 255.0) for name in ("previous", "current"))
-    return _View(window, step_x, previous, current, debug["flow"], None)
+    previous, current = (np.clip(patch + 128.0, 0.0, 255.0) for patch in (carried.previous, carried.current))
+    return _View(window, carried.step[0], previous, current, carried.flow, None)
 
 
 def _state(report: LayersReport | PropagationReport, frame: Frame) -> TrackerState:

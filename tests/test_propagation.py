@@ -110,7 +110,16 @@ def test_finds_an_object_that_comes_back_elsewhere() -> None:
 def _arrays(state: PropagationState) -> list[NDArray[np.float32]]:
     model = state.model
     filter_ = model.located
-    found = [model.previous, model.mean, model.deviation, model.mask, filter_.numerator, filter_.energy, *model.keys]
+    found = [
+        state.kept,
+        model.previous,
+        model.mean,
+        model.deviation,
+        model.mask,
+        filter_.numerator,
+        filter_.energy,
+        *model.keys,
+    ]
     return [*found, *(array for array in (model.histograms, model.likelihood) if array is not None)]
 
 
@@ -172,13 +181,52 @@ def test_ride_takes_a_new_size_slowly() -> None:
 
 
 def test_report_explains_itself() -> None:
-    """The debug record holds flow and patches of one size, and the score is a probability."""
-    report = _track(_moving, 4)[-1].report
-    flow, current = report.debug["flow"], report.debug["current"]
-    assert flow.shape == (*current.shape, 2)
-    assert report.debug["previous"].shape == current.shape
+    """The report holds flow and patches of one size, and where in the frame they lie; the score is a probability."""
+    state = _track(_moving, 4)[-1]
+    report = state.report
+    assert report.flow.shape == (*report.current.shape, 2)
+    assert report.previous.shape == report.current.shape
+    rows, columns = report.current.shape
+    window = Box(*report.origin, columns * report.step[0], rows * report.step[1])
+    assert iou(window, report.box) > 0.3
+    assert window.x + window.w / 2 == pytest.approx(report.box.x + report.box.w / 2, abs=2.0)
     assert 0.5 < report.score <= 1.0
-    assert len(report.debug["pose"]) == 4
+    assert report.verdict == "good"
+    assert report.kept > 0.9
+
+
+def test_what_a_wall_hides_is_not_kept() -> None:
+    """Behind a static wall the kept share falls, since the wall came in from outside of the box."""
+    wall = _texture(3, 180, 60, True).astype(np.uint8)
+    states = [propagation.start(_frame(_moving(0)), _moving(0), PARAMS)]
+    for t in range(1, 34):
+        pixels = _frame(_moving(t)).pixels.copy()
+        pixels[:, 110:170] = wall
+        states.append(propagation.step(states[-1], as_frame(pixels), PARAMS))
+    kept = [state.report.kept for state in states]
+    assert min(kept[:5]) > 0.9
+    assert min(kept[10:]) < 0.6
+    assert states[-1].report.lost
+
+
+def test_a_look_alike_far_off_does_not_draw_the_box_away() -> None:
+    """While the object's content goes on in the box, a better picture of it elsewhere is not followed."""
+
+    def dimmed(t: int, contrast: float) -> Frame:
+        box = _moving(t)
+        pixels = _frame(box).pixels.astype(np.float32)
+        x, y = round(box.x), round(box.y)
+        part = pixels[y : y + 40, x : x + 40]
+        pixels[y : y + 40, x : x + 40] = (
+            part.mean() + contrast * (part - part.mean()) + 0.5 * (1 - contrast) * (_texture(9, 40, 40, True) - 128)
+        )
+        return as_frame(np.clip(pixels, 0, 255).astype(np.uint8))
+
+    states = [propagation.start(dimmed(0, 1.0), _moving(0), PARAMS)]
+    for t in range(1, 25):
+        states.append(propagation.step(states[-1], dimmed(t, max(0.0, 1.0 - t / 15)), PARAMS))
+    assert all(iou(state.report.box, _moving(t)) > 0.5 for t, state in enumerate(states) if state.report.ok)
+    assert states[15].report.ok
 
 
 @pytest.mark.parametrize("side", [12.0, 150.0], ids=["tiny", "large"])
