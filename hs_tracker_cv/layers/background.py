@@ -13,7 +13,7 @@ from .kernels import KNOWN, gauss_newton, median_flow
 from .state import Atlas, Image, Plane
 from .window import shifted
 
-__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "shift", "stray"]
+__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "shift"]
 
 _PIXELS = 1000
 _FAR_OFF = 40.0  # gray levels; a larger difference counts as this one
@@ -31,24 +31,12 @@ def camera_from_flow(
     flow: NDArray[np.float32], near: NDArray[np.uint8], last: tuple[float, float]
 ) -> tuple[float, float]:
     """Median flow outside the object; exactly zero when it is small, the last one when hardly anything is outside."""
-    medians, n = _medians(flow, near, last)
+    medians = np.zeros(2)
+    n = median_flow(flow, near, np.empty((2, near.size // 16 + 64), np.float32), medians)
     if 16 * n < _FEWEST:
         return last
-    u, v, _ = medians
+    u, v = medians
     return (0.0, 0.0) if np.hypot(u, v) < 0.12 else (float(u), float(v))
-
-
-def stray(flow: NDArray[np.float32], near: NDArray[np.uint8], camera: tuple[float, float], contrast: float) -> float:
-    """c: how far the flow outside the object is from the camera's, over the motion contrast."""
-    return float(_medians(flow, near, camera)[0][2]) / max(contrast, 0.1)
-
-
-def _medians(
-    flow: NDArray[np.float32], near: NDArray[np.uint8], about: tuple[float, float]
-) -> tuple[NDArray[np.float64], int]:
-    out = np.zeros(3)
-    n = median_flow(flow, near, np.array(about), np.empty((3, near.size // 16 + 64), np.float32), out)
-    return out, int(n)
 
 
 def register(

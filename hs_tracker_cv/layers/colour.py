@@ -38,6 +38,6 @@ def likelihood(colours: NDArray[np.float32], weight: float) -> tuple[NDArray[np.
 
     Histograms that overlap (Bhattacharyya coefficient near 1) get next to none.
     """
-    ratio = np.log((colours[0] + np.float32(2e-4)) / (colours[1] + np.float32(2e-4)))
+    ratio = np.log((colours[0] + np.float32(1e-3)) / (colours[1] + np.float32(1e-3)))
     overlap = float(np.sqrt(colours[0] * colours[1]).sum())
     return np.clip(ratio, -2, 2).astype(np.float32), weight * max(0.0, 1.1 - overlap)

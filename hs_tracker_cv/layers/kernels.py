@@ -363,26 +363,22 @@ def start_flow(near: Mask, grid: Numbers, theta: Numbers, camera: Numbers, out: 
 
 
 @_kernel
-def median_flow(flow: Image, near: Mask, about: Numbers, sample: Plane, out: Numbers) -> int:
-    """Medians outside `near`, every fourth pixel of every fourth row: u, v and |flow − about| into out[0..2].
+def median_flow(flow: Image, near: Mask, sample: Plane, out: Numbers) -> int:
+    """Medians outside `near`, every fourth pixel of every fourth row: u and v into out[0..1].
 
-    `sample` is a workspace (3, N). Returns the number of pixels looked at.
+    `sample` is a workspace (2, N). Returns the number of pixels looked at.
     """
     h, w = near.shape
     n = 0
     for y in range(0, h, 4):
         for x in range(y // 4 % 4, w, 4):
             if near[y, x] == 0 and n < sample.shape[1]:
-                u = flow[y, x, 0]
-                v = flow[y, x, 1]
-                sample[0, n] = u
-                sample[1, n] = v
-                sample[2, n] = (u - about[0]) * (u - about[0]) + (v - about[1]) * (v - about[1])
+                sample[0, n] = flow[y, x, 0]
+                sample[1, n] = flow[y, x, 1]
                 n += 1
     if n:
-        for i in range(3):
+        for i in range(2):
             out[i] = _select(sample[i], n, 0.5)
-        out[2] = root(out[2])
     return n
 
 
@@ -480,7 +476,7 @@ def evidence(
     inside: Integers,
     out: Image,
     fresh: Mask,
-) -> None:
+) -> float:
     """Log-likelihood ratio, object against background, per pixel.
 
     Parameters are windows: current image, background layer, previous image moved by the camera and by the object's
@@ -489,6 +485,7 @@ def evidence(
     out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] the same without
     gain or previous image, out[3] local gain of the background, out[4] error against the previous image where
     the background is not yet known. `fresh` is 1 where something new covers a background that was seen a moment ago.
+    Returns the share of the object's pixels that look about as they did.
     """
     h, w, channels = image.shape
     tau_b = knobs[0]
@@ -498,6 +495,9 @@ def evidence(
     occluded = knobs[4]
     mean = 1.0 / channels
     noise2 = noise * noise
+    like = (6.0 * noise + 6.0) * (6.0 * noise + 6.0) * channels
+    own = 0
+    alike = 0.0
     for y in range(h):
         ym = larger(y - 1, 0)
         yp = smaller(y + 1, h - 1)
@@ -557,6 +557,10 @@ def evidence(
                 eo += e * e
                 e = i - gain_o * o
                 ego += e * e
+            if s > 0.0:
+                own += 1
+                if eo < like or ego < 0.25 * like:
+                    alike += 1.0
             var_o = 1.5 * noise2 + tau_o * grad_o * mean / 4.0
             error_b = direct
             if gain_b < 0.97:
@@ -589,6 +593,9 @@ def evidence(
                 fresh[y, x] = 1
             out[0, y, x] = ll
             out[1, y, x] = error_b
+    if own:
+        alike /= own
+    return alike
 
 
 @_kernel
@@ -702,7 +709,7 @@ def learn(
     distractor elsewhere. `errors` is what :func:`evidence` wrote. `ground` (h, w, C) and `counts` (3, h, w: samples,
     mismatches, age) are the background, updated in place. knobs = (shape rate, freeze, occluded). `tally` (2, bins)
     receives the colour counts of object and background. `sums` receives (known pixels outside, of these unexplained,
-    sum of |I − B| there, its 85th percentile); `sample` is a workspace for that.
+    85th percentile of |I − B| there); `sample` is a workspace for that.
     """
     h, w, channels = image.shape
     shape_rate = knobs[0]
@@ -711,7 +718,6 @@ def learn(
     mean = 1.0 / channels
     known = 0
     strange = 0
-    total = 0.0
     taken = 0
     for y in range(h):
         for x in range(w):
@@ -754,15 +760,12 @@ def learn(
                 known += 1
                 if error > 5.0:
                     strange += 1
-                d = 0.0
-                for c in range(channels):
-                    d += abs(aligned[y, x, c] - ground[y, x, c])
-                total += d * mean
                 if near[y, x] == 0 and (x + 2 * y) % 7 == 0 and taken < sample.shape[1]:
-                    if gain < 0.9 or gain > 1.1:  # in shadow, by what the shadow leaves unexplained
-                        d = 0.0
-                        for c in range(channels):
-                            d += abs(aligned[y, x, c] - gain * ground[y, x, c])
+                    # in shadow, by what the shadow leaves unexplained
+                    light = gain if gain < 0.9 or gain > 1.1 else 1.0
+                    d = 0.0
+                    for c in range(channels):
+                        d += abs(aligned[y, x, c] - light * ground[y, x, c])
                     sample[0, taken] = d * mean
                     taken += 1
             if not m and error < 4.0 and n >= KNOWN:
@@ -794,5 +797,4 @@ def learn(
             counts[0, y, x] = smaller(n + 1.0, 20.0)
     sums[0] = known
     sums[1] = strange
-    sums[2] = total
-    sums[3] = _select(sample[0], taken, 0.85) if taken > 10 else -1.0
+    sums[2] = _select(sample[0], taken, 0.85) if taken > 10 else -1.0

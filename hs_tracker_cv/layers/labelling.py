@@ -40,6 +40,14 @@ class Expected(NamedTuple):
     obj: Image
 
 
+class Evidence(NamedTuple):
+    """Planes (5, h, w) of `kernels.evidence`, where something is new, and how much of the object looks as it did."""
+
+    errors: NDArray[np.float32]
+    fresh: masks.Mask
+    alike: float
+
+
 class Labels(NamedTuple):
     """Mask of the object, log-odds behind it (with and without the edge and component steps), errors, colour bins."""
 
@@ -90,10 +98,8 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
     )
 
 
-def weigh(
-    state: LayersState, view: View, expected: Expected, moves: motion.Moves
-) -> tuple[NDArray[np.float32], masks.Mask]:
-    """Evidence per pixel, (5, h, w), and where something is new; see `kernels.evidence`."""
+def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Moves) -> Evidence:
+    """Evidence per pixel; see `kernels.evidence`."""
     h, w, channels = view.image.shape
     products = np.empty((h, w, 4), np.float32)
     local_products(view.image, expected.background, expected.obj, products)
@@ -103,12 +109,12 @@ def weigh(
     kappa = _KAPPA_COLOUR if channels == 3 else 1.0
     occluded = float(state.occlusion.occluded)
     knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded), np.float32)
-    evidence(
+    alike = evidence(
         view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
         moves.atlas.counts, products,
         np.float32(state.noise), knobs, view.inside, errors, fresh,
     )  # fmt: skip
-    return errors, fresh
+    return Evidence(errors, fresh, float(alike))
 
 
 def in_front(state: LayersState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask:
@@ -124,13 +130,13 @@ def assign(
     view: View,
     expected: Expected,
     moves: motion.Moves,
-    evidence_: tuple[NDArray[np.float32], masks.Mask],
+    seen: Evidence,
     hiding: masks.Mask,
     params: LayersParams,
 ) -> Labels:
     """Mask of the object from the evidence; the ratio is changed where the object grows or something else arrives."""
     h, w = view.gray.shape
-    errors, fresh = evidence_
+    errors, fresh, _ = seen
     grown, distractor = masks.grow(fresh, expected.odds, state.distractor, state.count)
     if state.occlusion.occluded or state.occlusion.coasting:
         distractor = np.zeros_like(distractor)  # what comes out from behind something may be the object itself

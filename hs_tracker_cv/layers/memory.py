@@ -45,10 +45,7 @@ class Learned(NamedTuple):
     atlas: Atlas
     colours: NDArray[np.float32]
     noise: float
-    near: masks.Mask
     unexplained: float
-    mismatch: float
-    n_known: int
 
 
 def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int, int]) -> Seed:
@@ -106,7 +103,7 @@ def learn_frame(
     odds, shape = np.empty(size, np.float32), np.empty(size, np.float32)
     obj = np.empty_like(expected.obj)
     tally = np.zeros(state.colours.shape, np.float32)
-    sums = np.zeros(4)
+    sums = np.zeros(3)
     rate = 0.3 if state.count < _YOUNG else 0.08
     knobs = np.array((rate, float(hidden or suspected), float(hidden)), np.float32)
     learn(
@@ -117,14 +114,13 @@ def learn_frame(
     if hidden:
         odds = np.clip(8.0 * (expected.shape - np.float32(0.5)), -2.0, 1.0).astype(np.float32)
     colours = state.colours if hidden else colour.blend(state.colours, tally, _COLOUR_RATE)
-    known, strange, total, spread = (float(value) for value in sums)
+    known, strange, spread = (float(value) for value in sums)
     noise = state.noise
     if spread >= 0:
         low, high = _NOISE_RANGE
         noise += 0.2 * (min(max(_SPREAD_TO_NOISE * spread, low), high) - noise)
-    many = max(known, 1.0)
     learned = Atlas(picture, counts, atlas.offset)
-    return Learned(odds, shape, obj, learned, colours, noise, near, strange / many, total / many, int(known))
+    return Learned(odds, shape, obj, learned, colours, noise, strange / max(known, 1.0))
 
 
 def move(state: LayersState, image: Image, origin: tuple[int, int]) -> LayersState:

@@ -44,6 +44,7 @@ def judge(
     camera: tuple[float, float],
     share: float,
     usable: bool,
+    covered: bool,
     params: LayersParams,
 ) -> Occlusion:
     """Suspect, confirm or end an occlusion after a frame in which `share` of the shape was visible.
@@ -58,6 +59,8 @@ def judge(
     share : float
     usable : bool
         False when the segmentation is too poor to conclude from it.
+    covered : bool
+        A second mover is known to be in front of the object.
     params : LayersParams
     """
     drift = (memory.drift[0] + camera[0], memory.drift[1] + camera[1])
@@ -73,7 +76,7 @@ def judge(
     suspected = memory.suspected
     if suspected:
         suspected = 0 if share >= 0.95 else suspected + 1
-    elif (share < 0.95 and _stalled(memory)) or share < 0.5:
+    elif (share < 0.95 and (covered or _stalled(memory))) or share < 0.5:
         suspected = 1
     occluded = suspected > 0 and (memory.occluded or share < params.occlusion_ratio)
     duration = memory.duration + 1 if occluded else 0

@@ -82,12 +82,6 @@ class LayersReport:
         Something is in front of the object; nothing of it is seen.
     unexplained : float
         f: share of the known background outside the mask whose noise-normalised error exceeds 5.
-    mismatch : float
-        m: mean |I − background| there, gray levels.
-    stray : float
-        c: median |flow − camera| outside, over the motion contrast (at least 0.1).
-    n_known : int
-        Pixels these rest on.
     mask : ndarray, shape (h, w), uint8
         Object pixels of the window.
     origin : tuple of int
@@ -108,9 +102,6 @@ class LayersReport:
     occluded: bool
     lost: bool
     unexplained: float
-    mismatch: float
-    stray: float
-    n_known: int
     mask: NDArray[np.uint8]
     origin: tuple[int, int]
     step: int
@@ -151,6 +142,8 @@ class Occlusion:
         Confirmed.
     coasting : int
         Frames in which nothing of the object was seen.
+    vanished : bool
+        It was not covered bit by bit: something else is in its place since one frame.
     sides : tuple of (left, top, right, bottom)
         Last boxes relative to the background, lattice px, newest last.
     speeds : tuple of (vx, vy)
@@ -167,6 +160,7 @@ class Occlusion:
     suspected: int = 0
     occluded: bool = False
     coasting: int = 0
+    vanished: bool = False
     sides: tuple[tuple[float, float, float, float], ...] = ()
     speeds: tuple[tuple[float, float], ...] = ()
     duration: int = 0

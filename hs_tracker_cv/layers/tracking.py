@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..frames import Frame, to_gray
 from ..geometry import Box
-from . import background as ground
 from . import labelling, memory, motion
 from . import mask as masks
 from . import occlusion as hiding
@@ -23,6 +22,7 @@ __all__ = ["reseed", "start", "step", "watch"]
 
 _FAR = 40  # lattice px: farthest an unseen object is looked for from where it is expected
 _UNSEEN = 0.12  # visible share below which the object counts as out of sight
+_ALIKE = 0.2  # of what is taken for the object so much must look about as it did
 _YOUNG = 5  # frames before which the shape is too little known to conclude from what is missing of it
 _NOTHING = 0.02  # visible share below which that is believed at once
 
@@ -66,9 +66,6 @@ def start(frame: Frame, box: Box, params: LayersParams) -> LayersState:
         occluded=False,
         lost=False,
         unexplained=0.0,
-        mismatch=0.0,
-        stray=0.0,
-        n_known=0,
         mask=mask,
         origin=(origin[0] * k, origin[1] * k),
         step=k,
@@ -123,7 +120,7 @@ def step(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
             expected, moves = labelling.displace(expected, shift), motion.displace(moves, shift)
             evidence = labelling.weigh(state, view, expected, moves)
     labels = labelling.assign(state, view, expected, moves, evidence, in_front, params)
-    outcome = _judge(state, view, moves, expected, labels, params)
+    outcome = _judge(state, view, moves, expected, labels, in_front, evidence.alike, params)
     hidden = outcome.occlusion.occluded or outcome.occlusion.coasting > 0
     learned = memory.learn_frame(
         state, view, moves, expected, labels, hidden=hidden, suspected=outcome.occlusion.suspected > 0
@@ -161,7 +158,7 @@ def watch(state: LayersState, frame: Frame, box: Box, params: LayersParams) -> L
     mask = (seed.odds > 0).view(np.uint8)
     moves = motion.follow(state, view, mask, (speed[0], speed[1]), params)
     expected = labelling.expect_nothing(state, view, moves, seed.odds)
-    errors, _ = labelling.weigh(state, view, expected, moves)
+    errors, _, _ = labelling.weigh(state, view, expected, moves)
     labels = Labels(mask, seed.odds, seed.odds, errors, np.zeros_like(mask), seed.bins)
     learned = memory.learn_frame(state, view, moves, expected, labels, hidden=False, suspected=False)
     learned = learned._replace(odds=seed.odds, shape=seed.shape, obj=view.image, colours=seed.colours)
@@ -231,17 +228,31 @@ def _search(
 
 
 def _judge(
-    state: LayersState, view: View, moves: motion.Moves, expected: Expected, labels: Labels, params: LayersParams
+    state: LayersState,
+    view: View,
+    moves: motion.Moves,
+    expected: Expected,
+    labels: Labels,
+    in_front: masks.Mask,
+    alike: float,
+    params: LayersParams,
 ) -> _Outcome:
     """Occlusion, box and motion after labelling."""
     was_hidden = state.occlusion.coasting > 0
-    share = hiding.visible_share(labels.mask, expected.shape, view.inside, hidden=was_hidden)
-    box = masks.box_of(labels.mask, labels.odds)
-    on_lattice = None if box is None else box.moved(*state.origin)
     usable = moves.contrast >= 0.2 and state.count >= _YOUNG
-    occlusion = hiding.judge(state.occlusion, on_lattice, moves.velocity, moves.camera, share, usable, params)
-    unseen = (share < _UNSEEN and usable) or box is None
-    occlusion = replace(occlusion, coasting=state.occlusion.coasting + 1 if unseen else 0)
+    share = hiding.visible_share(labels.mask, expected.shape, view.inside, hidden=was_hidden)
+    vanished = alike < _ALIKE * share and usable and (state.occlusion.vanished or not state.occlusion.occluded)
+    if vanished:  # what is there is not the object, whatever it may be
+        share = min(share, alike)
+    box = masks.box_of(labels.mask, labels.odds)
+    shape = expected.shape > 0.5
+    covered = int(np.count_nonzero(shape & (in_front != 0))) > 0.05 * int(np.count_nonzero(shape))
+    on_lattice = None if box is None else box.moved(*state.origin)
+    occlusion = hiding.judge(
+        state.occlusion, on_lattice, moves.velocity, moves.camera, share, usable, covered, params
+    )
+    unseen = (share < _UNSEEN and usable) or vanished or box is None
+    occlusion = replace(occlusion, coasting=state.occlusion.coasting + 1 if unseen else 0, vanished=vanished)
     hidden = occlusion.occluded or unseen
     whole = masks.box_of((expected.shape > 0.5).view(np.uint8), None) if hidden else None
     if whole is not None:
@@ -294,7 +305,8 @@ def _conclude(
     k = state.step
     x, y = outcome.box.x + state.origin[0], outcome.box.y + state.origin[1]
     # a single frame in which the mask fails is forgiven, one in which nothing at all is seen is not
-    ok = outcome.occlusion.coasting < 2 and (outcome.occlusion.coasting == 0 or outcome.share > _NOTHING)
+    hidden = outcome.occlusion
+    ok = hidden.coasting == 0 or (hidden.coasting == 1 and not hidden.vanished and outcome.share > _NOTHING)
     report = LayersReport(
         box=Box(x * k, y * k, outcome.box.w * k, outcome.box.h * k),
         ok=ok,
@@ -302,9 +314,6 @@ def _conclude(
         occluded=outcome.occlusion.occluded,
         lost=not ok,
         unexplained=learned.unexplained,
-        mismatch=learned.mismatch,
-        stray=ground.stray(moves.flow, learned.near, moves.camera, moves.contrast),
-        n_known=learned.n_known,
         mask=labels.mask,
         origin=(state.origin[0] * k, state.origin[1] * k),
         step=k,
