@@ -145,6 +145,48 @@ def test_shadow_is_not_part_of_the_object() -> None:
     assert overlaps(follow(images, boxes[0]), boxes)[8:].min() > 0.85
 
 
+def test_highlight_does_not_carry_the_box_away() -> None:
+    """A broad highlight that wanders over the object faster than it moves is neither its motion nor its edge."""
+    across = np.arange(44, dtype=np.float32)
+    surface = texture(34, 44, 2, (150, 90, 70))
+    images, boxes = [], []
+    for t in range(36):
+        image = GROUND.copy()
+        light = 170 * np.exp(-(((across - (2.5 * t - 20)) / 6) ** 2))
+        paste(image, np.clip(surface + light[np.newaxis, :, np.newaxis], 0, 255), 40 + t, 40)
+        images.append(finish(image, t))
+        boxes.append(Box(40 + t, 40, 44, 34))
+    assert overlaps(follow(images, boxes[0]), boxes).min() > 0.85
+
+
+@pytest.mark.parametrize("step", [-5, 5])
+def test_second_mover_in_front_hides_and_does_not_take_over(step: int) -> None:
+    """Another object that passes in front of the object leaves the box where it was."""
+    other = texture(40, 26, 5, (70, 140, 160))
+    images, boxes = [], []
+    for t in range(40):
+        image = GROUND.copy()
+        paste(image, SQUARE, 70 + t, 45)
+        x = (190 if step < 0 else 6) + step * t
+        if 0 <= x <= WIDTH - 26:
+            paste(image, other, x, 40)
+        images.append(finish(image, t))
+        boxes.append(Box(70 + t, 45, 34, 34))
+    found = overlaps(follow(images, boxes[0]), boxes)
+    assert found.mean() > 0.85
+    assert found[-3:].min() > 0.85
+
+
+def test_sudden_absence_is_not_taken_for_the_object() -> None:
+    """An object that is gone from one frame to the next is not located, until it is back."""
+    images, boxes = moving_square(30, (2, 1))
+    for t in range(14, 20):
+        images[t] = finish(GROUND, t)
+    reports = follow(images, boxes[0])
+    assert not any(r.ok for r in reports[14:20])
+    assert overlaps(reports, boxes)[-8:].min() > 0.85
+
+
 def behind_wall() -> tuple[list[NDArray[np.uint8]], list[Box], NDArray[np.float64]]:
     """Square that passes behind a wall of its own width, with the visible share of each frame."""
     wall = texture(HEIGHT, 40, 7, (60, 60, 60), 15.0)
@@ -261,9 +303,8 @@ def test_watching_knows_the_background_and_hands_over() -> None:
     for image, box in zip(images[1:14], boxes[1:14], strict=True):
         state = layers.watch(state, as_frame(image), box, PARAMS)
     assert state.report.box == pytest.approx(boxes[13], abs=1e-9)
-    assert state.report.n_known > 500
+    assert np.count_nonzero(state.atlas.counts[0] > 5) > 500
     assert state.report.unexplained < 0.03
-    assert state.report.mismatch < 4.0
     for image in images[14:]:
         state = layers.step(state, as_frame(image), PARAMS)
     assert iou(state.report.box, boxes[-1]) > 0.9
@@ -285,7 +326,7 @@ def test_reseed_takes_the_box_and_keeps_the_background() -> None:
 
 
 def test_trust_tells_a_foreign_motion() -> None:
-    """A box that stands on moving ground is betrayed by the mismatch outside it."""
+    """A box that stands on moving ground is betrayed by what it leaves unexplained outside it."""
     images, boxes = moving_square(10)
     calm = follow(images, boxes[0])[-1]
     wrong = follow(images, Box(boxes[0].x + 40, boxes[0].y, 20, 20))
