@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
@@ -163,12 +163,16 @@ class Index:
 
 
 class Pixels:
-    """A plane as seen from the pixels of a block: `plane[offset]` are the values that many elements further on."""
+    """A plane as seen from the pixels of a block: `plane[offset]` are the values that many elements further on.
 
-    def __init__(self, builder: Any, pointer: Any, room: Any) -> None:
+    What is written is noted down and stored when the whole formula has been computed.
+    """
+
+    def __init__(self, builder: Any, pointer: Any, room: Any, written: list[_Write]) -> None:
         self.builder = builder
         self.pointer = pointer  # to the block's first pixel
         self.room = room  # pixels from there to the end of the row
+        self.written = written
 
     def _at(self, offset: Index | int, kind: Any) -> Any:
         place = self.builder.gep(self.pointer, [_whole(offset)])
@@ -178,20 +182,29 @@ class Pixels:
         return Lanes(self.builder, self.builder.load(self._at(offset, FLOATS), align=4))
 
     def __setitem__(self, offset: Index | int, value: Lanes) -> None:
-        self._store(self._at(offset, FLOATS), value.value)
+        self._write(self._at(offset, FLOATS), value.value)
 
-    def _store(self, place: Any, value: Any) -> None:
+    def _write(self, place: Any, value: Any) -> None:
+        self.written.append(_Write(self, place, value))
+
+    def store_part(self, place: Any, value: Any) -> None:
         """Store as many values as there is room for, and otherwise what is there already."""
         inside = _inside(self.builder, self.room, value.type.count)
         old = self.builder.load(place, align=4)
         self.builder.store(self.builder.select(inside, value, old), place, align=4)
 
 
+class _Write(NamedTuple):
+    plane: Pixels
+    place: Any
+    value: Any
+
+
 class PixelsOfTwo(Pixels):
     """A plane of twice the resolution, at whose pixel (2 y, 2 x) one is. Its pixels come and go as pairs."""
 
-    def __init__(self, builder: Any, pointer: Any, room: Any, stride: Index) -> None:
-        super().__init__(builder, pointer, room)
+    def __init__(self, builder: Any, pointer: Any, room: Any, written: list[_Write], stride: Index) -> None:
+        super().__init__(builder, pointer, room, written)
         self.stride = stride
 
     def pair(self, offset: Index | int) -> tuple[Lanes, Lanes]:
@@ -200,7 +213,7 @@ class PixelsOfTwo(Pixels):
 
     def set_pair(self, offset: Index | int, even: Lanes, odd: Lanes) -> None:
         """Write both."""
-        self._store(self._at(offset, PAIRS), _together(even, odd))
+        self._write(self._at(offset, PAIRS), _together(even, odd))
 
 
 class Image(Pixels):
@@ -220,7 +233,8 @@ class Image(Pixels):
         zeros = ir.Constant(kind, [0.0] * kind.count)
         return self.builder.call(function, (place, ir.Constant(INT32, 4), inside, zeros))
 
-    def _store(self, place: Any, value: Any) -> None:
+    def store_part(self, place: Any, value: Any) -> None:
+        """Store as many values as there is room for."""
         inside = _inside(self.builder, self.room, value.type.count)
         name = f"llvm.masked.store.v{value.type.count}f32.p0v{value.type.count}f32"
         function = ir.FunctionType(ir.VoidType(), (value.type, place.type, INT32, inside.type))
@@ -237,7 +251,7 @@ class ImageOfTwo(Image):
 
     def set_pair(self, first: Lanes, second: Lanes) -> None:
         """Write both channels."""
-        self._store(self._at(0, PAIRS), _together(first, second))
+        self._write(self._at(0, PAIRS), _together(first, second))
 
 
 class Around:
@@ -314,6 +328,7 @@ class _Loops:
             elif kind == "PixelsOfTwo":
                 value = (value, rest.pop(0)[1], rest.pop(0)[1])
             self.values[name] = value
+        self.written: list[_Write] = []
 
     def write(self, function: Formula, shared: Shared | None) -> Any:
         """Write them with the formula inside; return the sum of what it returns."""
@@ -332,6 +347,7 @@ class _Loops:
                 if shared:
                     parameters[self._name("Around")] = self._around(y, x, shared, places)
                 result = function(**parameters)
+                self._store()
                 if result is not None:
                     inside = _inside(builder, builder.sub(self.width, x), LANES)
                     counted = builder.select(inside, result.value, nothing)
@@ -339,6 +355,24 @@ class _Loops:
             wide = builder.fpext(builder.load(row_total), DOUBLES)
             builder.store(builder.fadd(builder.load(total), wide), total)
         return _sum(builder, builder.load(total))
+
+    def _store(self) -> None:
+        """Store what a formula has written.
+
+        Whole blocks are told from the last one of a row: to store part of a vector takes long on some processors.
+        """
+        builder = self.builder
+        whole = ir.Constant(ir.IntType(1), 1)
+        for plane, _, value in self.written:
+            whole = builder.and_(whole, builder.icmp_signed(">=", plane.room, _whole(value.type.count)))
+        with builder.if_else(whole, likely=True) as (then, otherwise):
+            with then:
+                for _, place, value in self.written:
+                    builder.store(value, place, align=4)
+            with otherwise:
+                for plane, place, value in self.written:
+                    plane.store_part(place, value)
+        self.written.clear()
 
     def _name(self, kind: str) -> str:
         return next(name for name in self.kinds if self.kinds[name] == kind)
@@ -366,14 +400,16 @@ class _Loops:
             row = builder.add(first, builder.mul(builder.add(y, y), stride))
             two = builder.add(x, x)
             pointer = builder.gep(builder.gep(self.data, [row]), [two])
-            return PixelsOfTwo(builder, pointer, builder.sub(width, two), Index(builder, stride))
+            return PixelsOfTwo(builder, pointer, builder.sub(width, two), self.written, Index(builder, stride))
         if kind == "Pixels":
             row = builder.gep(self.data, [builder.add(value, builder.mul(y, self.stride))])
-            return Pixels(builder, builder.gep(row, [builder.add(x, _whole(shift))]), room)
+            return Pixels(builder, builder.gep(row, [builder.add(x, _whole(shift))]), room, self.written)
         if kind == "Image":
-            return Image(builder, builder.gep(builder.gep(value, [builder.mul(y, self.width)]), [x]), room)
+            return Image(
+                builder, builder.gep(builder.gep(value, [builder.mul(y, self.width)]), [x]), room, self.written
+            )
         first = builder.gep(value, [builder.mul(builder.add(y, y), self.width)])
-        return ImageOfTwo(builder, builder.gep(first, [builder.add(x, x)]), builder.add(room, room))
+        return ImageOfTwo(builder, builder.gep(first, [builder.add(x, x)]), builder.add(room, room), self.written)
 
     def _share(self, y: Any, x: Any, shift: int, shared: Shared) -> list[Lanes]:
         """Call the shared function."""
