@@ -20,7 +20,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
 
-import cv2
 import numpy as np
 import tyro
 
@@ -207,18 +206,16 @@ def _parsed(kind: type[Kind], arguments: Sequence[str], program: str) -> Kind:
 
 def _warmup() -> int:
     """Compile and cache every kernel, so that the first real video starts at once."""
+    from . import patches
+    from .compiling import Kernel
+    from .flow import kernels as flow
+    from .layers import kernels as layers
+
     started = time.perf_counter()
-    rng = np.random.default_rng(0)
-    ground = cv2.GaussianBlur(rng.integers(0, 256, (96, 128, 3), dtype=np.uint8), (0, 0), 1.0)
-    mover = FirstMover()
-    for start in (ground, ground[:, :, 0]):
-        tracker = TrackerHS()
-        tracker.init(start, (40, 30, 32, 32))
-        for shift in (1, 2, 3):
-            frame = start.copy()
-            frame[30:62, 40 + shift : 72 + shift] = start[30:62, 40:72]
-            tracker.update(frame)
-            mover.update(frame if frame.ndim == 3 else cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))
+    for module in (flow, layers, patches):
+        for value in vars(module).values():
+            if isinstance(value, Kernel):
+                value.prepare()
     print(f"{PROGRAM}: kernels ready after {time.perf_counter() - started:.1f} s")
     return 0
 

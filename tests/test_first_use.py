@@ -89,6 +89,24 @@ def test_second_process_compiles_nothing(installation):
     run(TRACKER + FLOW + NO_COMPILER, environment)
 
 
+def test_warmup_compiles_every_kernel(installation):
+    """After ``hs-track warmup`` there is machine code of every kernel, also of those that few videos need."""
+    _, environment = installation
+    run("from hs_tracker_cv.cli import main; assert main(['warmup']) == 0", environment)
+    code = """
+from hs_tracker_cv import patches
+from hs_tracker_cv.compiling import Kernel
+from hs_tracker_cv.flow import kernels as flow
+from hs_tracker_cv.layers import kernels as layers
+values = [value for module in (flow, layers, patches) for value in vars(module).values()]
+kernels = [value for value in values if isinstance(value, Kernel)]
+assert len(kernels) > 10
+for kernel in kernels:
+    kernel.prepare()
+"""
+    run(code + TRACKER + NO_COMPILER, environment)
+
+
 def test_compiled_installation_can_become_read_only(installation):
     """Machine code beside the sources is used where it cannot be written; another user compiles nothing."""
     tmp_path, environment = installation

@@ -49,10 +49,14 @@ class Kernel:
                 names.add(value.module)
         return sorted(names)
 
-    def _first_run(self, *arguments: Any) -> Any:
+    def prepare(self) -> None:
+        """Load or compile the machine code, as the first call would."""
         with _LOCK:
             if self._run == self._first_run:
                 self._run = _machine_code(self)
+
+    def _first_run(self, *arguments: Any) -> Any:
+        self.prepare()
         return self._run(*arguments)
 
 
