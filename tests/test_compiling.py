@@ -106,6 +106,7 @@ def test_compiled_once(place):
     assert not run(environment)
     (file,) = (tmp_path / "cache").iterdir()
     assert file.name.startswith("small.norms-")
+    assert file.stat().st_mode == (tmp_path / "small.py").stat().st_mode  # who installs need not be who uses
 
 
 @pytest.mark.parametrize("damage", [lambda data: data[:50], lambda data: b"", lambda data: data[:-9] + bytes(9)])

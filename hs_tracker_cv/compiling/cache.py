@@ -49,21 +49,20 @@ class Entry:
 
     def write(self, code: bytes) -> None:
         """Keep code in the first place that can be written, whole or not at all; nowhere if there is none."""
-        import tempfile
+        import secrets
 
         if self._sources is None:
             return
         for place in self._places():
+            # Not by tempfile, whose files only their owner can read: who installs need not be who uses.
+            temporary = place / f"{self._file}.{secrets.token_hex(8)}.tmp"
             with suppress(OSError):
                 place.mkdir(parents=True, exist_ok=True)
-                handle, temporary = tempfile.mkstemp(dir=place, prefix=self._file, suffix=".tmp")
                 try:
-                    with os.fdopen(handle, "wb") as file:
-                        file.write(self._digest(code) + code)
-                    os.replace(temporary, place / self._file)
-                except OSError:
-                    os.unlink(temporary)
-                    raise
+                    temporary.write_bytes(self._digest(code) + code)
+                    temporary.replace(place / self._file)
+                finally:
+                    temporary.unlink(missing_ok=True)
                 return
 
     def _digest(self, code: bytes) -> bytes:
