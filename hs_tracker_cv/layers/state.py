@@ -77,7 +77,7 @@ class LayersReport:
     ok : bool
         The object is located in this frame.
     score : float
-        Belief in the box, 0–1.
+        Probability that the box is right, 0–1, by how much is seen of the object and explained of the background.
     occluded, lost : bool
         Something is in front of the object; nothing of it is seen.
     unexplained : float

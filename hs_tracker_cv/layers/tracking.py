@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -291,6 +292,15 @@ def _next_linear(state: LayersState, moves: motion.Moves, hidden: bool) -> tuple
     return a, b, c, d
 
 
+def _belief(share: float, unexplained: float) -> float:
+    """Probability that the box is right (IoU above one half), 0–1.
+
+    Logistic in the logarithms of the visible share of the object and of the share of the background that is not
+    explained; fitted on the suites develop and vanish_develop. Offsets keep the logarithms finite.
+    """
+    return 1.0 / (1.0 + math.exp(-2.5 - 3.0 * math.log(share + 0.05) + 0.7 * math.log(unexplained + 0.01)))
+
+
 def _conclude(
     state: LayersState,
     frame: Frame,
@@ -310,7 +320,7 @@ def _conclude(
     report = LayersReport(
         box=Box(x * k, y * k, outcome.box.w * k, outcome.box.h * k),
         ok=ok,
-        score=outcome.share if ok else 0.0,
+        score=_belief(outcome.share, learned.unexplained) if ok else 0.0,
         occluded=outcome.occlusion.occluded,
         lost=not ok,
         unexplained=learned.unexplained,
