@@ -177,6 +177,17 @@ def test_second_mover_in_front_hides_and_does_not_take_over(step: int) -> None:
     assert found[-3:].min() > 0.85
 
 
+def test_score_falls_while_the_object_goes_out_of_sight() -> None:
+    """Behind a wall the score falls before the object is lost, and is high again after it."""
+    images, boxes, shares = behind_wall()
+    scores = np.array([report.score for report in follow(images, boxes[0])])
+    going = (shares > 0.0) & (shares < 0.3) & (np.arange(44) < 25)
+    assert going.any()
+    assert scores[going].max() < 0.95
+    assert scores[5:15].min() > 0.97
+    assert scores[-3:].min() > 0.97
+
+
 def test_sudden_absence_is_not_taken_for_the_object() -> None:
     """An object that is gone from one frame to the next is not located, until it is back."""
     images, boxes = moving_square(30, (2, 1))
