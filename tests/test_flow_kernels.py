@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -222,3 +224,54 @@ def test_levels_shrink_by_the_ratio_down_to_the_smallest_side():
 def test_grids_halve():
     """The multigrid's sizes are halved, rounding up, down to 4 px."""
     assert multigrid.plan(19, 33, False, 10.0).sizes == ((19, 33), (10, 17), (5, 9), (3, 5))
+
+
+BETWEEN_GUARDS = """
+import ctypes
+import itertools
+import sys
+import numpy as np
+from hs_tracker_cv.flow import multigrid, pyramid
+from hs_tracker_cv.flow.params import FlowParams
+
+libc, page, maps = ctypes.CDLL(None), 4096, []
+libc.mmap.restype = ctypes.c_void_p
+libc.mmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_long]
+libc.mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+libc.munmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
+
+def guarded(at_end, *shape):
+    n = 4 * int(np.prod(shape))
+    room = -(-n // page) * page
+    first = libc.mmap(None, room + 2 * page, 3, 0x22, -1, 0)
+    maps.append((first, room + 2 * page))
+    for guard in (first, first + page + room):
+        assert libc.mprotect(guard, page, 0) == 0
+    place = first + page + (room - n if at_end else 0)
+    return np.frombuffer((ctypes.c_char * n).from_address(place), np.float32).reshape(shape)
+
+MODES = {"classic": {}, "solve": {}, "default": {}, "fast": {"median": 3, "derivative": "cube", "presmooth": 0.0}}
+rng = np.random.default_rng(0)
+for shape in ((1, 1), (5, 1), (2, 17), (16, 16), (33, 31), (40, 96)):
+    for at_end, started, mode in itertools.product((False, True), (False, True), MODES):
+        frames = [guarded(at_end, *shape, 1) for _ in range(2)]
+        flow = guarded(at_end, *shape, 2)
+        for image in (*frames, flow):
+            image[...] = rng.uniform(0, 9, image.shape)
+        params = FlowParams.preset(mode, **MODES[mode])
+        if mode == "solve":
+            grids = multigrid.plan(*shape, False, params.smoothness)
+            multigrid.solve(*frames, flow, started, params, grids, guarded(at_end, grids.memory))
+        else:
+            levels = pyramid.plan(*shape, params, started)
+            levels.program.run(guarded(at_end, levels.memory), *frames, flow)
+        assert np.isfinite(flow).all()
+        while maps:
+            libc.munmap(*maps.pop())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs pages that may not be touched")
+def test_no_memory_outside_of_the_arrays_is_touched():
+    """With pages before and after each array that may not be touched, all modes run at all sizes."""
+    subprocess.run([sys.executable, "-c", BETWEEN_GUARDS], check=True)
