@@ -209,7 +209,7 @@ class PropagationReport:
     ok : bool
         The object was located.
     score : float
-        Agreement with what was learned, 0–1.
+        Chance that the box overlaps the object by more than half, 0–1.
     lost : bool
         Searching.
     origin : tuple of float
@@ -513,9 +513,9 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
         good_frames += 1
         peak += max(0.05, 1.0 / good_frames) * (found.height - peak)
     report = PropagationReport(
-        _box(g, pose), not lost, _score(found.height + keys[0]), lost, *_window(g, found.pose), state.model.previous,
-        carried.seen_at_start, carried.flow, found.height, found.response, carried.agreement, tuple(keys), share,
-        verdict,
+        _box(g, pose), not lost, _score(found.height + keys[0], share), lost, *_window(g, found.pose),
+        state.model.previous, carried.seen_at_start, carried.flow, found.height, found.response, carried.agreement,
+        tuple(keys), share, verdict,
     )  # fmt: skip
     return PropagationState(g, pose, velocity, model, peak, match, good_frames, low, kept, report)
 
@@ -853,9 +853,17 @@ def _settle(
     return old.moved(vx, vy), (0.5 * vx, 0.5 * vy), low
 
 
-def _score(evidence: float) -> float:
-    """Chance that the box is right, from peak height + agreement with the first keyframe (logistic fit)."""
-    return 1.0 / (1.0 + math.exp(-10.0 * (evidence - 0.55)))
+def _score(evidence: float, kept: float) -> float:
+    """Chance that the box overlaps the object by more than half: logistic fit to frames of real and drawn sequences.
+
+    Parameters
+    ----------
+    evidence : float
+        Height of the filter's peak + agreement with the first keyframe.
+    kept : float
+        Share of the box that is kept.
+    """
+    return 1.0 / (1.0 + math.exp(4.5 - 3.0 * evidence - 3.2 * kept))
 
 
 def _learn(
