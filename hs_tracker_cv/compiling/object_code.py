@@ -347,10 +347,17 @@ def object_code(kernel: Kernel, name: str) -> bytes:
         )
         library = result.library
         code = bytes(library.emit_native_object())
-        foreign = {name for name in _called(library.get_llvm_str()) if not name.startswith("llvm.")} - _ALLOWED
-        if foreign:  # LLVM's loader would end the process for them
-            raise ValueError(f"{name} calls {', '.join(sorted(foreign))}")
+        _check(name, library.get_llvm_str())
         return code
+
+
+def _check(name: str, text: str) -> None:
+    """Raise where optimised code could not run in another process."""
+    if "numba.dynamic.globals" in text:
+        raise ValueError(f"{name} holds the address of an object of this process")
+    foreign = {called for called in _called(text) if not called.startswith("llvm.")} - _ALLOWED
+    if foreign:  # LLVM's loader would end the process for them
+        raise ValueError(f"{name} calls {', '.join(sorted(foreign))}")
 
 
 def _called(code: str) -> set[str]:
