@@ -119,9 +119,8 @@ def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Move
 
 def in_front(state: LayersState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask:
     """Where the distractor of the last frame hides the object in this one."""
-    area = int(np.count_nonzero(expected.odds > 0))
     return masks.follow_distractor(
-        state.distractor, moves.flow, state.previous, view.image, expected.obj, state.noise, area
+        state.distractor, moves.flow, state.previous, view.image, expected.obj, state.noise
     )
 
 

@@ -15,7 +15,6 @@ __all__ = ["Mask", "box_of", "component", "dilate", "follow_distractor", "grow",
 Mask = NDArray[np.uint8]
 
 _SMALLEST_DISTRACTOR = 20  # px; less has no flow of its own
-_SMALLEST_SHARE = 0.06  # of the object's area; less is rather compression than an object
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
@@ -74,15 +73,15 @@ def _other_components(apart: Mask, near: Mask, smallest: float) -> Mask:
 
 
 def follow_distractor(
-    distractor: Mask, flow: NDArray[np.float32], previous: Image, image: Image, obj: Image, noise: float, area: int
+    distractor: Mask, flow: NDArray[np.float32], previous: Image, image: Image, obj: Image, noise: float
 ) -> Mask:
     """Where the distractor of the last frame is now, in front of the object too.
 
     It moves by the median of its flow; a pixel stays its own if that explains it, and clearly better than the
-    object layer does. Only one of some size, against the object's `area`, can hide much of it.
+    object layer does.
     """
     inside = distractor != 0
-    if np.count_nonzero(inside) < max(_SMALLEST_DISTRACTOR, _SMALLEST_SHARE * area):
+    if np.count_nonzero(inside) < _SMALLEST_DISTRACTOR:
         return np.zeros_like(distractor)
     u, v = (float(np.median(flow[:, :, i][inside])) for i in (0, 1))
     matrix = np.array(((1.0, 0.0, u), (0.0, 1.0, v)))
