@@ -109,10 +109,8 @@ class PropagationParams:
         Share of the box kept from which a weak peak is still believed to be the object, and from which a new
         keyframe may be added.
     reset_below, reset_match, reset_gain : float
-        Agreement with the first keyframe below which other sizes are tried every `reset_every` good frames, the
-        agreement that one of them must have, and by how much it must be the better one.
-    reset_every : int
-        See there.
+        Agreement with the first keyframe below which other sizes are tried, one per frame; the agreement that one
+        of them must have, and by how much it must be the better one.
     """
 
     fine_size: float = 32.0
@@ -158,7 +156,6 @@ class PropagationParams:
     reset_below: float = 0.6
     reset_match: float = 0.7
     reset_gain: float = 0.15
-    reset_every: int = 5
 
 
 @dataclass(frozen=True)
@@ -312,10 +309,6 @@ class _View:
         gray *= np.float32(_CONTRAST / (deviation + 4.0))
         self._seen[pose] = gray
         return gray
-
-    def fine_colour(self, pose: Pose) -> F32:
-        """Raw patch (h, w, C) at a pose, on the lattice of :meth:`fine`."""
-        return self._sample(pose, self._geometry.fine_step, *self._geometry.weights.shape, gray=False)
 
     def contains(self, pose: Pose) -> bool:
         """Whether the pose's centre lies in the frame."""
@@ -488,7 +481,7 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     g, expected = state.geometry, state.pose.moved(*state.velocity)
     view = _View(frame, g, expected)
     found = _find(state, view, expected, params)
-    carried = _carry(state, view, found.pose, params)
+    carried = _carry(state, view, found, params)
     pose, keys = _hold(state, view, frame, carried, params)
     verdict = _judge(state, frame, pose, expected, found.height, keys, params)
     kept, coarse, leap = state.kept, found.pose, _jump(g, pose, expected) > params.far
@@ -528,12 +521,17 @@ class _Found:
     pose: Pose
     height: float
     response: F32
+    window: Pose
+    likelihood: F32 | None
 
 
 def _look(state: PropagationState, view: _View, at: Pose, expected: Pose, penalty: float) -> _Found:
     """Best place in the window at a pose."""
     g = state.geometry
-    response = anchor.respond(state.model.located, _channels(view.coarse(at), state.model.likelihood, g))
+    raw, likelihood = view.coarse(at), None
+    if state.model.likelihood is not None:
+        likelihood = _foreground(raw, state.model.likelihood)
+    response = anchor.respond(state.model.located, anchor.features(to_gray(raw), likelihood, g.window))
     across = g.across + np.float32((at.cx - expected.cx) / (g.w * expected.sx))
     down = g.down + np.float32((at.cy - expected.cy) / (g.h * expected.sy))
     fade: F32 = np.float32(penalty) * (across * across + down * down)
@@ -541,7 +539,7 @@ def _look(state: PropagationState, view: _View, at: Pose, expected: Pose, penalt
     rows, columns = response.shape
     row, column = min(round(top.dy) + rows // 2, rows - 1), min(round(top.dx) + columns // 2, columns - 1)
     pose = at.moved(top.dx * g.coarse_step * at.sx, top.dy * g.coarse_step * at.sy)
-    return _Found(top.height, pose, float(response[row, column]), response)
+    return _Found(top.height, pose, float(response[row, column]), response, at, likelihood)
 
 
 def _find(state: PropagationState, view: _View, expected: Pose, p: PropagationParams) -> _Found:
@@ -638,13 +636,27 @@ class _Carried:
     seen_at_start: F32
 
 
-def _carry(state: PropagationState, view: _View, coarse: Pose, p: PropagationParams) -> _Carried:
-    g, model = state.geometry, state.model
+def _finer(found: _Found, g: _Geometry) -> F32 | None:
+    """Colour likelihood on the lattice of the fine patch at the pose found, read from the coarse window."""
+    if found.likelihood is None:
+        return None
+    rows, columns = found.likelihood.shape
+    x = (found.pose.cx - found.window.cx) / (g.coarse_step * found.window.sx) + 0.5 * (columns - 1)
+    y = (found.pose.cy - found.window.cy) / (g.coarse_step * found.window.sy) + 0.5 * (rows - 1)
+    out = np.empty((*g.weights.shape, 1), np.float32)
+    ratio = g.fine_step / g.coarse_step
+    patches.sample(found.likelihood[:, :, None], x, y, ratio, ratio, out)
+    return out[:, :, 0]
+
+
+def _carry(state: PropagationState, view: _View, found: _Found, p: PropagationParams) -> _Carried:
+    g, model, coarse = state.geometry, state.model, found.pose
     current = view.fine(coarse)
     prior = g.weights * (np.float32(_MASK_FLOOR) + model.mask)
     prior /= np.float32(1.0) + (model.deviation * np.float32(0.1)) ** 2
-    if model.likelihood is not None:
-        prior *= np.float32(0.1) + _foreground(view.fine_colour(coarse), model.likelihood)
+    likelihood = _finer(found, g)
+    if likelihood is not None:
+        prior *= np.float32(0.1) + likelihood
     flow, weight, motion = _register(model.previous, current, prior, p, p.levels)
     motion, belongs = _separate(model.previous, current, flow, weight, motion, g, p)
     fine = _applied(coarse, motion, g, p.max_scale_step)
@@ -762,8 +774,10 @@ def _hold(
     candidate, score = _registered(view, state.model.keys[best], carried.current, pose, carried.prior, g, p)
     if score > scores[best]:
         scores[best], found = score, candidate if score > _KEY_MATCH else None
-    if scores[0] < p.reset_below and state.good_frames % p.reset_every == 0:
-        reset, score = _first_at_other_sizes(state, view, pose, p)
+    if scores[0] < p.reset_below:
+        # Only the first keyframe's size is what the user drew.
+        other = pose.scaled(_ZOOMS[state.good_frames % len(_ZOOMS)])
+        reset, score = _registered(view, state.model.keys[0], view.fine(other), other, g.weights, g, p)
         if score > max(p.reset_match, scores[0] + p.reset_gain):
             scores[0] = score
             return reset, scores
@@ -780,15 +794,6 @@ def _registered(
     _, _, motion = _register(key, current, prior, p, p.key_levels)
     candidate = _applied(pose, motion, g, p.max_key_scale)
     return candidate, anchor.correlation(view.fine(candidate), key, g.inner)
-
-
-def _first_at_other_sizes(
-    state: PropagationState, view: _View, pose: Pose, p: PropagationParams
-) -> tuple[Pose, float]:
-    """Best pose and agreement of the first keyframe: the only one whose size is what the user drew."""
-    g, key = state.geometry, state.model.keys[0]
-    tries = [pose.scaled(zoom) for zoom in _ZOOMS]
-    return max((_registered(view, key, view.fine(at), at, g.weights, g, p) for at in tries), key=lambda one: one[1])
 
 
 def _gate_scale(pose: Pose, old: Pose, agreement: float, g: _Geometry, frame: Frame) -> Pose:
