@@ -118,7 +118,9 @@ def learn_frame(
     noise = state.noise
     if spread >= 0:
         low, high = _NOISE_RANGE
-        noise += 0.2 * (min(max(_SPREAD_TO_NOISE * spread, low), high) - noise)
+        change = min(max(_SPREAD_TO_NOISE * spread, low), high) - noise
+        # too low a first guess would make the whole background look new, so it is corrected at once
+        noise += change * (max(0.2, 1.0 / (state.count + 1)) if change > 0 else 0.2)
     learned = Atlas(picture, counts, atlas.offset)
     return Learned(odds, shape, obj, learned, colours, noise, strange / max(known, 1.0))
 
