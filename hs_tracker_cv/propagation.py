@@ -776,7 +776,7 @@ def _hold(
         scores[best], found = score, candidate if score > _KEY_MATCH else None
     if scores[0] < p.reset_below:
         # Only the first keyframe's size is what the user drew.
-        other = pose.scaled(_ZOOMS[state.good_frames % len(_ZOOMS)])
+        other = pose.scaled(_ZOOMS[(state.good_frames + state.low) % len(_ZOOMS)])
         reset, score = _registered(view, state.model.keys[0], view.fine(other), other, g.weights, g, p)
         if score > max(p.reset_match, scores[0] + p.reset_gain):
             scores[0] = score
