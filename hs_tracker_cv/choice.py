@@ -12,7 +12,7 @@ from the background, flow that strays from the camera's) separate the laboratory
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .geometry import Box
 
@@ -63,6 +63,10 @@ class Choice:
     def doubt(self) -> float:
         """How far the measurements speak against segmentation: positive, they do; negative, they do not."""
         return self.log_unexplained + _SIZE_WEIGHT * self.size_difference - _LIMIT
+
+    def keeping(self) -> Choice:
+        """Return the same measurements with segmentation trusted all the same: there is nothing better."""
+        return replace(self, trusted=True)
 
 
 def judge(choice: Choice, unexplained: float, difference: float) -> Choice:

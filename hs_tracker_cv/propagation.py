@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -39,7 +40,7 @@ _KEY_MATCH = 0.7
 _MIN_SIDE = 6.0
 _CLEARLY = 0.1
 _RIDE_RATE = 0.03
-_LOOKS, _SPIRAL = 4, 60
+_LOOKS, _PLACES = 8, 200
 _ZOOMS = (0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.7)
 _GOOD, _UNSURE, _WEAK, _BAD = "good", "unsure", "weak", "bad"
 
@@ -88,6 +89,8 @@ class PropagationParams:
     far, far_level, sure : float
         A displacement from the prediction over `far` box sizes needs a peak of `far_level` of its running mean, or
         a sum of peak height and agreement over `sure`.
+    found : float
+        What a lost object is found again by, over `far` box sizes away: sum of peak height and agreement.
     near, near_level, follow_level : float
         Any other needs `near_level`; within `near` box sizes, `follow_level` is enough to follow without learning.
     drop, match_rate, doubt : float
@@ -139,6 +142,7 @@ class PropagationParams:
     far: float = 0.6
     far_level: float = 0.75
     sure: float = 1.1
+    found: float = 1.2
     near: float = 0.35
     near_level: float = 0.45
     follow_level: float = 0.4
@@ -309,6 +313,11 @@ class _View:
         gray *= np.float32(_CONTRAST / (deviation + 4.0))
         self._seen[pose] = gray
         return gray
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the frame, px."""
+        return self._frame.width * self._thin, self._frame.height * self._thin
 
     def contains(self, pose: Pose) -> bool:
         """Whether the pose's centre lies in the frame."""
@@ -547,24 +556,43 @@ def _find(state: PropagationState, view: _View, expected: Pose, p: PropagationPa
     penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
     best = _look(state, view, expected, expected, penalty)
     if best.height < p.weak * state.peak:
-        for across, down in _elsewhere(state.low - p.patience):
-            at = state.pose.moved(across * g.w * state.pose.sx, down * g.h * state.pose.sy)
-            if view.contains(at):
-                best = max(best, _look(state, view, at, expected, penalty), key=lambda found: found.value)
+        lost = state.low - p.patience
+        for at in _elsewhere(state.pose, g, view, lost):
+            # Nothing is known of where a lost object is, so that no place is worth less than another.
+            best = max(best, _look(state, view, at, at if lost > 0 else expected, penalty), key=lambda f: f.value)
     moved = math.hypot(best.pose.cx - expected.cx, best.pose.cy - expected.cy)
     if moved > p.recentre * g.coarse_step * expected.sx:
         # The window fades what is far from its centre: only a second look says how high the peak really is.
-        best = _look(state, view, best.pose, expected, penalty)
+        best = _look(state, view, best.pose, best.pose if state.low > p.patience else expected, penalty)
     return best
 
 
-def _elsewhere(lost: int) -> list[tuple[float, float]]:
-    """Where else to look, in box sizes from the last pose: all round it; once lost, along a growing spiral."""
+def _elsewhere(pose: Pose, g: _Geometry, view: _View, lost: int) -> list[Pose]:
+    """Where else to look: all round the last pose; once lost, at a few places more in each frame, the near ones first.
+
+    The places are a box apart and cover the frame, or of a large one the part round the last pose; then from the
+    beginning again.
+    """
+    width, height = g.w * pose.sx, g.h * pose.sy
     if lost <= 0:
-        return [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)]
-    first = _LOOKS * (lost - 1) % _SPIRAL
-    steps = [(0.8 * math.sqrt(i + 1.0), 2.399963 * i) for i in range(first, first + _LOOKS)]
-    return [(radius * math.cos(angle), radius * math.sin(angle)) for radius, angle in steps]
+        steps = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)]
+    else:
+        frame_width, frame_height = view.size
+        places = _places(
+            *(max(0, int(room)) for room in (pose.cx / width, (frame_width - pose.cx) / width)),
+            *(max(0, int(room)) for room in (pose.cy / height, (frame_height - pose.cy) / height)),
+        )
+        first = _LOOKS * (lost - 1)
+        steps = [places[i % len(places)] for i in range(first, first + min(_LOOKS, len(places)))]
+    found = (pose.moved(across * width, down * height) for across, down in steps)
+    return [at for at in found if view.contains(at)]
+
+
+@lru_cache(maxsize=64)
+def _places(left: int, right: int, up: int, down: int) -> list[tuple[int, int]]:
+    """Steps to all places that so many steps reach, the nearest first."""
+    steps = [(x, y) for y in range(-up, down + 1) for x in range(-left, right + 1) if (x, y) != (0, 0)]
+    return sorted(steps, key=lambda step: step[0] ** 2 + step[1] ** 2)[:_PLACES]
 
 
 def _fit(flow: F32, weight: F32) -> NDArray[np.float64]:
@@ -823,7 +851,12 @@ def _judge(
     jump = _jump(g, pose, expected)
     if _visible(_box(g, pose), frame) < 0.2:
         return _BAD
-    enough = level > p.near_level if jump < p.far else level > p.far_level or evidence > p.sure
+    if jump < p.far:
+        enough = level > p.near_level
+    elif state.low > p.patience:
+        enough = evidence > p.found
+    else:
+        enough = level > p.far_level or evidence > p.sure
     if enough and evidence > p.confidence:
         return _WEAK if evidence < p.doubt and max(keys) < p.drop * state.match else _GOOD
     return _WEAK if jump < p.near and level > p.follow_level else _BAD

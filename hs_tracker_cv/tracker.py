@@ -33,6 +33,9 @@ SEEN_MARGIN = 16
 LAYERS = layers.LayersParams()
 PROPAGATION = propagation.PropagationParams()
 
+SURE = 0.9
+"""Score of the carried box from which it may take over from a segmentation that is doubted."""
+
 TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
 
 
@@ -279,7 +282,10 @@ def _advance(track: _Track, frame: Frame) -> _Track:
     segmented, carried, choice = _look(track, frame)
     if segmented and carried:
         difference = size_difference(segmented.report.box, carried.report.box)
-        choice = judge(choice, segmented.report.unexplained, difference)
+        judged = judge(choice, segmented.report.unexplained, difference)
+        if choice.trusted and not judged.trusted and segmented.report.ok:
+            carried, judged = _hand_over(track, segmented, carried, judged, frame)
+        choice = judged
     report = _followed(segmented, carried, choice).report
     return _Track(
         layers=segmented,
@@ -289,6 +295,18 @@ def _advance(track: _Track, frame: Frame) -> _Track:
         score=report.score,
         state=_state(report, frame),
     )
+
+
+def _hand_over(
+    track: _Track, segmented: LayersState, carried: PropagationState, judged: Choice, frame: Frame
+) -> tuple[PropagationState, Choice]:
+    """Segmentation is doubted, but only a carried box that is sure of the object can take over from it."""
+    assert track.propagation is not None
+    rode = track.choice.frames >= WITNESS_FRAMES
+    successor = propagation.step(track.propagation, frame, PROPAGATION) if rode else carried
+    if successor.report.ok and successor.report.score > SURE:
+        return successor, judged
+    return carried, judged.keeping()
 
 
 def _look(track: _Track, frame: Frame) -> tuple[LayersState | None, PropagationState | None, Choice]:
