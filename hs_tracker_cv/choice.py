@@ -21,7 +21,7 @@ __all__ = ["WITNESS_FRAMES", "Choice", "judge", "size_difference"]
 WITNESS_FRAMES = 20
 """Frames after the start in which the size of the carried box can be relied on."""
 
-_LIMIT = -2.0
+_LIMIT = -2.25
 _SIZE_WEIGHT = 4.0
 _FLOOR = 0.01
 _RATE = 0.05

@@ -568,7 +568,7 @@ def _find(state: PropagationState, view: _View, expected: Pose, p: PropagationPa
 
 
 def _elsewhere(pose: Pose, g: _Geometry, view: _View, lost: int) -> list[Pose]:
-    """Where else to look: all round the last pose; once lost, at a few places more in each frame, the near ones first.
+    """Where else to look: all round the last pose; once lost, at a few more places in each frame, near ones first.
 
     The places are a box apart and cover the frame, or of a large one the part round the last pose; then from the
     beginning again.
