@@ -64,9 +64,9 @@ class Choice:
         """How far the measurements speak against segmentation: positive, they do; negative, they do not."""
         return self.log_unexplained + _SIZE_WEIGHT * self.size_difference - _LIMIT
 
-    def keeping(self) -> Choice:
-        """Return the same measurements with segmentation trusted all the same: there is nothing better."""
-        return replace(self, trusted=True)
+    def keeping(self, before: Choice) -> Choice:
+        """Return the same measurements with segmentation trusted as `before`: there is nothing better to follow."""
+        return replace(self, trusted=True, since=before.since + 1)
 
 
 def judge(choice: Choice, unexplained: float, difference: float) -> Choice:

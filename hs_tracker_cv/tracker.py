@@ -36,6 +36,9 @@ PROPAGATION = propagation.PropagationParams()
 SURE = 0.9
 """Score of the carried box from which it may take over from a segmentation that is doubted."""
 
+ASK_EVERY = 5
+"""Frames between two questions to a carried box that rides on a segmentation that is doubted."""
+
 TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
 
 
@@ -302,11 +305,15 @@ def _hand_over(
 ) -> tuple[PropagationState, Choice]:
     """Segmentation is doubted, but only a carried box that is sure of the object can take over from it."""
     assert track.propagation is not None
-    rode = track.choice.frames >= WITNESS_FRAMES
-    successor = propagation.step(track.propagation, frame, PROPAGATION) if rode else carried
+    if track.choice.frames < WITNESS_FRAMES:
+        successor = carried
+    elif track.choice.since % ASK_EVERY == 0:  # it rode along: ask where it would have gone by itself
+        successor = propagation.step(track.propagation, frame, PROPAGATION)
+    else:
+        return carried, judged.keeping(track.choice)
     if successor.report.ok and successor.report.score > SURE:
         return successor, judged
-    return carried, judged.keeping()
+    return carried, judged.keeping(track.choice)
 
 
 def _look(track: _Track, frame: Frame) -> tuple[LayersState | None, PropagationState | None, Choice]:

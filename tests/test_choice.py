@@ -83,3 +83,18 @@ def test_size_difference_is_symmetric_and_free_of_scale(w: float, h: float, fact
     assert size_difference(a, b) == pytest.approx(size_difference(b, a))
     scaled = [Box(0, 0, box.w * factor, box.h * factor) for box in (a, b)]
     assert size_difference(*scaled) == pytest.approx(size_difference(a, b))
+
+
+def test_keeping_leaves_the_measurements_alone() -> None:
+    """Where nothing better is at hand, segmentation stays trusted; what was measured against it stays known."""
+    before = Choice()
+    for _ in range(30):
+        doubted = judge(before, 0.9, 1.0)
+        if not doubted.trusted:
+            break
+        before = doubted
+    assert not doubted.trusted
+    kept = doubted.keeping(before)
+    assert kept.trusted
+    assert kept.doubt == doubted.doubt
+    assert kept.since == before.since + 1
