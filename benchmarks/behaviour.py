@@ -316,7 +316,7 @@ def isolated(work: Callable[..., str], *arguments: Any, timeout: float = TIMEOUT
     # A fork server has the imports done, and no threads of ours to inherit.
     methods = multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
-    context.set_forkserver_preload(["cv2", "numba", "hs_tracker_cv.tracker"])
+    context.set_forkserver_preload(["cv2", "hs_tracker_cv.tracker"])
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(sender, work, arguments), daemon=True)
     process.start()

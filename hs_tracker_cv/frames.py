@@ -20,6 +20,7 @@ __all__ = ["MIN_SIDE", "Frame", "InputError", "as_frame", "as_roi", "crop", "to_
 MIN_SIDE = 4.0
 """Smallest side of a region of interest, px: less holds no gradient to follow."""
 
+_BGR_TO_GRAY = np.array([[0.114, 0.587, 0.299]], np.float32)
 _INTEGER_GAIN = {np.dtype(np.uint8): 1.0, np.dtype(np.uint16): 255.0 / 65535.0}
 
 
@@ -176,9 +177,13 @@ def crop(frame: Frame, x0: int, y0: int, width: int, height: int, *, step: int =
     if part.dtype != np.uint8:
         part = _as_float(part, frame.gain)
     if part.shape[:2] != (height, width):
-        rows = np.clip(np.arange(y0, y0 + height), top, bottom - 1) - top
-        columns = np.clip(np.arange(x0, x0 + width), left, right - 1) - left
-        part = part[rows[:, np.newaxis], columns[np.newaxis, :]]
+        above, before = (
+            min(max(inside - start, 0), missing)
+            for inside, start, missing in ((top, y0, height - part.shape[0]), (left, x0, width - part.shape[1]))
+        )
+        below, after = height - part.shape[0] - above, width - part.shape[1] - before
+        part = cv2.copyMakeBorder(part, above, below, before, after, cv2.BORDER_REPLICATE)
+        part = part.reshape(height, width, -1)  # OpenCV drops the axis of a single channel
     if step > 1:
         size = (width // step, height // step)
         part = cv2.resize(part, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], -1)
@@ -201,4 +206,5 @@ def to_gray(window: NDArray[np.float32]) -> NDArray[np.float32]:
     """Gray version (H, W) of a window (H, W, C): OpenCV's BGR weights, or the one channel itself."""
     if window.shape[2] == 1:
         return np.ascontiguousarray(window[:, :, 0])
-    return np.asarray(cv2.cvtColor(window, cv2.COLOR_BGR2GRAY), dtype=np.float32)
+    # Not cvtColor: its last bits differ between versions of OpenCV.
+    return np.asarray(cv2.transform(window, _BGR_TO_GRAY), dtype=np.float32)

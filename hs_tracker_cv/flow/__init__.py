@@ -1,4 +1,4 @@
-"""Horn–Schunck optical flow. Numba is imported when a name that needs it is first used, not before."""
+"""Horn–Schunck optical flow. What computes is imported when a name that needs it is first used, not before."""
 
 from __future__ import annotations
 

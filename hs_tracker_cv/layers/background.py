@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .kernels import KNOWN, gauss_newton, median_flow
 from .state import Atlas, Image, Plane
-from .window import shifted
+from .window import shifted, translated
 
 __all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "shift"]
 
@@ -123,7 +123,4 @@ def shift(image: Image, offset: tuple[float, float]) -> Image:
     """Image moved by a fraction of a pixel (cubic), the border repeated; itself for no motion."""
     if offset == (0.0, 0.0):
         return image
-    matrix = np.array(((1.0, 0.0, offset[0]), (0.0, 1.0, offset[1])))
-    size = (image.shape[1], image.shape[0])
-    out = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(out, dtype=np.float32).reshape(image.shape)
+    return translated(image, *offset)

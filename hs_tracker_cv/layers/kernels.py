@@ -27,6 +27,7 @@ __all__ = [
     "learn",
     "local_products",
     "median_flow",
+    "resample",
     "search_shift",
     "start_flow",
 ]
@@ -380,6 +381,61 @@ def median_flow(flow: Image, near: Mask, sample: Plane, out: Numbers) -> int:
         for i in range(2):
             out[i] = _select(sample[i], n, 0.5)
     return n
+
+
+@_kernel
+def resample(image: Image, inverse: Numbers, repeat: bool, fill: float, out: Image) -> None:
+    """Write to `out` the image at (m0 x + m1 y + m2, m3 x + m4 y + m5), bilinear, m being `inverse`.
+
+    Beyond the image its border is repeated, or else `fill`. OpenCV's own differs from version to version.
+    """
+    h, w, channels = image.shape
+    height, width, _ = out.shape
+    one = np.float32(1.0)
+    zero = np.float32(0.0)
+    right = np.float32(w - 1)
+    bottom = np.float32(h - 1)
+    step_x = np.float32(inverse[0])
+    step_y = np.float32(inverse[3])
+    other = np.float32(fill)
+    for y in range(height):
+        start_x = np.float32(inverse[1] * y + inverse[2])
+        start_y = np.float32(inverse[4] * y + inverse[5])
+        for x in range(width):
+            px = start_x + step_x * np.float32(x)
+            py = start_y + step_y * np.float32(x)
+            if repeat:
+                px = smaller(larger(px, zero), right)
+                py = smaller(larger(py, zero), bottom)
+            elif px <= -one or py <= -one or px >= right + one or py >= bottom + one:
+                for c in range(channels):
+                    out[y, x, c] = other
+                continue
+            ix = np.int64(px + one) - 1
+            iy = np.int64(py + one) - 1
+            fx = px - np.float32(ix)
+            fy = py - np.float32(iy)
+            if ix >= 0 and iy >= 0 and ix + 1 < w and iy + 1 < h:
+                for c in range(channels):
+                    a = image[iy, ix, c]
+                    b = image[iy + 1, ix, c]
+                    a += fx * (image[iy, ix + 1, c] - a)
+                    b += fx * (image[iy + 1, ix + 1, c] - b)
+                    out[y, x, c] = a + fy * (b - a)
+                continue
+            left_share = one - fx if ix >= 0 else zero
+            right_share = fx if ix + 1 < w else zero
+            top_share = one - fy if iy >= 0 else zero
+            bottom_share = fy if iy + 1 < h else zero
+            x0 = larger(ix, 0)
+            y0 = larger(iy, 0)
+            x1 = smaller(ix + 1, w - 1)
+            y1 = smaller(iy + 1, h - 1)
+            beyond = other * (one - (left_share + right_share) * (top_share + bottom_share))
+            for c in range(channels):
+                above = left_share * image[y0, x0, c] + right_share * image[y0, x1, c]
+                below = left_share * image[y1, x0, c] + right_share * image[y1, x1, c]
+                out[y, x, c] = top_share * above + bottom_share * below + beyond
 
 
 @_kernel

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ..geometry import Box
 from .kernels import alpha_edge
 from .state import Image, Plane
+from .window import transformed
 
 __all__ = ["Mask", "box_of", "component", "dilate", "follow_distractor", "grow", "refine_edge"]
 
@@ -87,7 +88,7 @@ def follow_distractor(
     matrix = np.array(((1.0, 0.0, u), (0.0, 1.0, v)))
     size = (distractor.shape[1], distractor.shape[0])
     there = cv2.warpAffine(dilate(distractor, 3), matrix, size, flags=cv2.INTER_NEAREST) != 0
-    moved = cv2.warpAffine(previous, matrix, size, borderMode=cv2.BORDER_REPLICATE).reshape(image.shape)
+    moved = transformed(previous, (1.0, 0.0, u, 0.0, 1.0, v), distractor.shape[:2])
     own = np.abs(image - moved).mean(axis=2)
     other = np.abs(image - obj).mean(axis=2)
     return np.asarray(there & (own < 3.0 * noise + 3.0) & (own < 0.6 * other), dtype=np.uint8)

@@ -14,7 +14,7 @@ from . import mask as masks
 from .kernels import KNOWN, label, learn
 from .labelling import Expected, Labels
 from .state import Atlas, Image, LayersState, Plane
-from .window import View, shifted
+from .window import View, shifted, transformed
 
 __all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
 
@@ -148,13 +148,16 @@ def rescale(state: LayersState, step: int) -> LayersState:
     h, w = (int(np.ceil(side * ratio)) for side in state.odds.shape)
     origin = (round(state.origin[0] * ratio), round(state.origin[1] * ratio))
     shift = [(old + 0.5) * ratio - 0.5 - new for old, new in zip(state.origin, origin, strict=True)]
-    matrix = np.array(((ratio, 0.0, shift[0]), (0.0, ratio, shift[1])))
+    nearest = np.array(((ratio, 0.0, shift[0]), (0.0, ratio, shift[1])))
 
-    def resample(array: NDArray[Any], flags: int = cv2.INTER_LINEAR) -> NDArray[Any]:
-        out = cv2.warpAffine(array, matrix, (w, h), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        return np.ascontiguousarray(out).reshape(h, w, *array.shape[2:])
+    def resample(array: NDArray[np.float32]) -> NDArray[np.float32]:
+        return transformed(array, (ratio, 0.0, shift[0], 0.0, ratio, shift[1]), (h, w))
 
-    counts = np.stack([resample(plane, cv2.INTER_NEAREST) for plane in state.atlas.counts])
+    def pick(array: NDArray[Any]) -> NDArray[Any]:
+        out = cv2.warpAffine(array, nearest, (w, h), flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+        return np.ascontiguousarray(out)
+
+    counts = np.stack([pick(plane) for plane in state.atlas.counts])
     offset = (state.atlas.offset[0] * ratio, state.atlas.offset[1] * ratio)
     x, y, box_w, box_h = (side * ratio for side in state.box)
     return state.replace(
@@ -166,8 +169,8 @@ def rescale(state: LayersState, step: int) -> LayersState:
         odds=resample(state.odds),
         shape=resample(state.shape),
         obj=resample(state.obj),
-        distractor=resample(state.distractor, cv2.INTER_NEAREST),
-        visible=resample(state.visible, cv2.INTER_NEAREST),
+        distractor=pick(state.distractor),
+        visible=pick(state.visible),
         atlas=Atlas(resample(state.atlas.image), counts, offset),
         occlusion=state.occlusion.rescaled(ratio),
     )

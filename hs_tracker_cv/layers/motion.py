@@ -13,7 +13,7 @@ from . import background as ground
 from .kernels import fit_affine, gauss_newton, start_flow
 from .mask import dilate
 from .state import Atlas, Image, LayersParams, LayersState, Plane
-from .window import View
+from .window import View, transformed
 
 __all__ = ["Grid", "Moves", "displace", "find", "follow", "warp"]
 
@@ -320,16 +320,8 @@ def warp(
     image: NDArray[np.float32], theta: NDArray[np.float64], grid: Grid, fill: float | None
 ) -> NDArray[np.float32]:
     """Image moved by an affine motion; where nothing comes from the window `fill`, or (None) its border."""
-    a, b, c, d = theta[1] / grid.scale, theta[2] / grid.scale, theta[4] / grid.scale, theta[5] / grid.scale
-    matrix = np.array(
-        (
-            (1 + a, b, theta[0] - a * grid.cx - b * grid.cy),
-            (c, 1 + d, theta[3] - c * grid.cx - d * grid.cy),
-        )
-    )
-    size = (image.shape[1], image.shape[0])
-    if fill is None:
-        out = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    else:
-        out = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR, borderValue=(fill,) * 4)
-    return np.asarray(out, dtype=np.float32).reshape(image.shape)
+    a, b, c, d = (float(theta[i]) / grid.scale for i in (1, 2, 4, 5))
+    x = float(theta[0]) - a * grid.cx - b * grid.cy
+    y = float(theta[3]) - c * grid.cx - d * grid.cy
+    size = (image.shape[0], image.shape[1])
+    return transformed(image, (1 + a, b, x, c, 1 + d, y), size, fill)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import cv2
@@ -9,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Frame, crop, to_gray
+from .kernels import resample
 from .state import Image, LayersState, Plane
 
-__all__ = ["View", "grab", "lattice_step", "look", "place_window", "shifted"]
+__all__ = ["View", "grab", "lattice_step", "look", "place_window", "shifted", "transformed", "translated"]
 
 _RING = 2  # px more on each side, so that the prefilter's border lies outside the window
 _SIZES = 4  # windows are so many px high and wide, times a whole number: flow is planned once per size
@@ -96,6 +98,53 @@ def place_window(
         spans.append((int(low), -(int(low - high) // _SIZES) * _SIZES))
     (x, w), (y, h) = spans
     return (x, y), (h, w)
+
+
+def transformed(
+    image: NDArray[np.float32],
+    matrix: tuple[float, float, float, float, float, float],
+    size: tuple[int, int],
+    fill: float | None = None,
+) -> NDArray[np.float32]:
+    """Image moved by an affine map, bilinear.
+
+    Parameters
+    ----------
+    image : ndarray, shape (h, w) or (h, w, C), float32
+    matrix : tuple of float
+        (a, b, c, d, e, f): pixel (x, y) goes to (a x + b y + c, d x + e y + f).
+    size : (h, w)
+        Of the result.
+    fill : float, optional
+        What lies beyond the image; without it, the border is repeated.
+    """
+    a, b, c, d, e, f = matrix
+    scale = 1.0 / (a * e - b * d)
+    inverse = np.array((e, -b, b * f - c * e, -d, a, c * d - a * f)) * scale
+    source = np.ascontiguousarray(image).reshape(image.shape[0], image.shape[1], -1)
+    out = np.empty((*size, source.shape[2]), np.float32)
+    resample(source, inverse, fill is None, 0.0 if fill is None else fill, out)
+    return out.reshape(*size, *image.shape[2:])
+
+
+def translated(image: Image, dx: float, dy: float) -> Image:
+    """Image moved by a part of a pixel or by many, cubic (Keys' kernel, a = −1/2), the border repeated."""
+    whole_x, whole_y = math.floor(dx), math.floor(dy)
+    if (whole_x, whole_y) != (0, 0):
+        rows = np.clip(np.arange(image.shape[0]) - whole_y, 0, image.shape[0] - 1)
+        columns = np.clip(np.arange(image.shape[1]) - whole_x, 0, image.shape[1] - 1)
+        image = image[rows[:, np.newaxis], columns]
+    out = cv2.sepFilter2D(
+        image, -1, _cubic(dx - whole_x), _cubic(dy - whole_y), anchor=(2, 2), borderType=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(out, dtype=np.float32).reshape(image.shape)
+
+
+def _cubic(t: float) -> NDArray[np.float64]:
+    """Weights of the pixels 2 and 1 before, here, and 1 after, at a place `t` before here (0–1)."""
+    s = 1.0 - t
+    weights = ((-0.5 * s + 1.0) * s - 0.5) * s, ((1.5 * s - 2.5) * s) * s + 1.0, ((-1.5 * s + 2.0) * s + 0.5) * s
+    return np.array((*weights, (0.5 * s - 0.5) * s * s))
 
 
 def shifted(array: NDArray[Any], dx: int, dy: int, size: tuple[int, int], fill: float) -> NDArray[Any]:
