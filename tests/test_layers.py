@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hs_tracker_cv import layers
 from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
+from hs_tracker_cv.layers.window import transformed, translated
 
 PARAMS = layers.LayersParams()
 HEIGHT, WIDTH = 150, 220
@@ -429,3 +430,40 @@ def test_frames_of_other_types() -> None:
         for frame, box in zip(frames[1:], expected[1:], strict=True):
             state = layers.step(state, frame, PARAMS)
             assert iou(state.report.box, box) > 0.98
+
+
+@pytest.mark.parametrize("offset", [(0.3, 0.2), (-0.4, 0.0), (3.7, -2.2)])
+def test_translated_moves_a_smooth_image(offset: tuple[float, float]) -> None:
+    """A wave moved by a fraction of a pixel is the wave there; the image itself comes back for no motion at all."""
+
+    def wave(dx: float, dy: float) -> NDArray[np.float32]:
+        y, x = np.mgrid[:50, :60]
+        return (100 + 50 * np.sin((x - dx) / 3) + 40 * np.cos((y - dy) / 4)).astype(np.float32)[:, :, np.newaxis]
+
+    moved = translated(wave(0, 0), *offset)
+    np.testing.assert_allclose(moved[8:-8, 8:-8], wave(*offset)[8:-8, 8:-8], atol=0.05)
+
+
+@pytest.mark.parametrize("channels", [None, 1, 3])
+def test_transformed_moves_a_ramp_exactly(channels: int | None) -> None:
+    """A bilinear map of a linear ramp is the ramp at the place each pixel comes from."""
+    y, x = np.mgrid[:40, :50].astype(np.float32)
+    ramp = 2 * x + 3 * y
+    image = ramp if channels is None else np.repeat(ramp[:, :, np.newaxis], channels, axis=2)
+    a, b, c, d, e, f = 1.05, 0.02, 1.5, -0.03, 0.97, 2.25
+    moved = transformed(image, (a, b, c, d, e, f), (40, 50))
+    assert moved.shape == image.shape
+    source = np.linalg.solve([[a, b], [d, e]], np.stack([(x - c).ravel(), (y - f).ravel()]))
+    wanted = (2 * source[0] + 3 * source[1]).reshape(40, 50)
+    plane = moved if channels is None else moved[:, :, -1]
+    np.testing.assert_allclose(plane[6:-6, 6:-6], wanted[6:-6, 6:-6], atol=1e-3)
+
+
+def test_transformed_beyond_the_image() -> None:
+    """What lies beyond is the fill, or else the border; half a pixel over the edge is half of each."""
+    image = np.full((10, 12), 5.0, np.float32)
+    filled = transformed(image, (1.0, 0.0, 3.5, 0.0, 1.0, 0.0), (10, 12), fill=-3.0)
+    np.testing.assert_allclose(filled[:, :3], -3.0)
+    np.testing.assert_allclose(filled[:, 3], 1.0)
+    np.testing.assert_allclose(filled[:, 4:], 5.0)
+    np.testing.assert_allclose(transformed(image, (1.0, 0.0, 3.5, 0.0, 1.0, 0.0), (10, 12)), 5.0)
