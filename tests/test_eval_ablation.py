@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from typing import Any
 
@@ -49,16 +49,24 @@ def follow(tracker: Any, frames: list[NDArray[np.uint8]]) -> list[Any]:
     return [tracker.update(frame) for frame in frames[1:]]
 
 
+def forget_solvers() -> None:
+    """Drop the flow solvers that the modes keep per thread: they outlive the surgery."""
+    for module, name in (("layers.motion", "_LOCAL"), ("propagation", "_local")):
+        getattr(import_module(f"hs_tracker_cv.{module}"), name).__dict__.clear()
+
+
 @pytest.fixture
-def restored(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+def restored(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
     """Undo the surgery of an ablation after the test."""
 
     def note(name: str) -> None:
+        forget_solvers()
         for cut in ABLATIONS[name].cuts:
             place = import_module(f"hs_tracker_cv.{cut.module}")
             monkeypatch.setattr(place, cut.name, getattr(place, cut.name))
 
-    return note
+    yield note
+    forget_solvers()
 
 
 @pytest.mark.parametrize("cut", CUTS)
@@ -67,12 +75,7 @@ def test_every_cut_reaches_what_a_tracker_uses(
 ) -> None:
     """The replaced part is used by a tracker in its first frames: no row of the table is without effect."""
     follow(TrackerHS_create(), frames)
-    # solvers are kept per thread: those made before the surgery must go
-    for module in ("layers.motion", "propagation"):
-        for name in ("_LOCAL", "_local"):
-            place = import_module(f"hs_tracker_cv.{module}")
-            if hasattr(place, name):
-                getattr(place, name).__dict__.clear()
+    forget_solvers()
     monkeypatch.setattr(import_module(f"hs_tracker_cv.{cut.module}"), cut.name, Tripwire())
     with pytest.raises(AssertionError, match="reached"):
         follow(TrackerHS_create(), frames)
