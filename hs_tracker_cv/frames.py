@@ -174,7 +174,7 @@ def crop(frame: Frame, x0: int, y0: int, width: int, height: int, *, step: int =
     left, top = min(max(x0, 0), frame.width - 1), min(max(y0, 0), frame.height - 1)
     right, bottom = min(max(x0 + width, left + 1), frame.width), min(max(y0 + height, top + 1), frame.height)
     part = frame.pixels[top:bottom, left:right]
-    if part.dtype != np.uint8:
+    if part.dtype != np.uint8 or frame.gain != 1.0:
         part = _as_float(part, frame.gain)
     if part.shape[:2] != (height, width):
         above, before = (

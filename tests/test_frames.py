@@ -139,3 +139,9 @@ def test_frames_are_never_written_to() -> None:
     image = np.zeros((40, 60, 3), np.uint8)[::2, ::-2, ::-1]
     image.flags.writeable = False
     assert to_gray(crop(as_frame(image), 3, 3, 10, 9)).shape == (9, 10)
+
+
+def test_crop_obeys_the_gain_of_a_frame_of_bytes() -> None:
+    """A gain that the caller gives holds for bytes as for any other type."""
+    frame = as_frame(np.full((8, 9, 3), 40, np.uint8), gain=2.5)
+    np.testing.assert_array_equal(crop(frame, 1, 2, 5, 4), np.full((4, 5, 3), 100.0, np.float32))
