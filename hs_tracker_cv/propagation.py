@@ -590,7 +590,10 @@ def _elsewhere(pose: Pose, g: _Geometry, view: _View, lost: int) -> list[Pose]:
 
 @lru_cache(maxsize=64)
 def _places(left: int, right: int, up: int, down: int) -> list[tuple[int, int]]:
-    """Steps to all places that so many steps reach, the nearest first."""
+    """Steps to the nearest of all places that so many steps reach, the nearest first."""
+    # No farther than the nearest can lie: a small object in a large frame has a hundred thousand places.
+    reach = 16 + _PLACES // min(left + right + 1, up + down + 1)
+    left, right, up, down = (min(room, reach) for room in (left, right, up, down))
     steps = [(x, y) for y in range(-up, down + 1) for x in range(-left, right + 1) if (x, y) != (0, 0)]
     return sorted(steps, key=lambda step: step[0] ** 2 + step[1] ** 2)[:_PLACES]
 

@@ -287,7 +287,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
         difference = size_difference(segmented.report.box, carried.report.box)
         judged = judge(choice, segmented.report.unexplained, difference)
         if choice.trusted and not judged.trusted and segmented.report.ok:
-            carried, judged = _hand_over(track, segmented, carried, judged, frame)
+            carried, judged = _hand_over(track, carried, judged, frame)
         choice = judged
     report = _followed(segmented, carried, choice).report
     return _Track(
@@ -301,18 +301,16 @@ def _advance(track: _Track, frame: Frame) -> _Track:
 
 
 def _hand_over(
-    track: _Track, segmented: LayersState, carried: PropagationState, judged: Choice, frame: Frame
+    track: _Track, carried: PropagationState, judged: Choice, frame: Frame
 ) -> tuple[PropagationState, Choice]:
     """Segmentation is doubted, but only a carried box that is sure of the object can take over from it."""
     assert track.propagation is not None
-    if track.choice.frames < WITNESS_FRAMES:
-        successor = carried
-    elif track.choice.since % ASK_EVERY == 0:  # it rode along: ask where it would have gone by itself
-        successor = propagation.step(track.propagation, frame, PROPAGATION)
-    else:
-        return carried, judged.keeping(track.choice)
-    if successor.report.ok and successor.report.score > SURE:
-        return successor, judged
+    rode = track.choice.frames >= WITNESS_FRAMES
+    if not rode or track.choice.since % ASK_EVERY == 0:
+        # One that rode along is asked where it would have gone by itself.
+        successor = propagation.step(track.propagation, frame, PROPAGATION) if rode else carried
+        if successor.report.ok and successor.report.score > SURE:
+            return successor, judged
     return carried, judged.keeping(track.choice)
 
 

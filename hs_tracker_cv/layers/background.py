@@ -9,14 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import KNOWN, gauss_newton, median_flow
+from .kernels import FAR_OFF, KNOWN, gauss_newton, median_flow
 from .state import Atlas, Image, Plane
-from .window import shifted, translated
+from .window import shifted
 
-__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register", "shift"]
+__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register"]
 
 _PIXELS = 1000
-_FAR_OFF = 40.0  # gray levels; a larger difference counts as this one
 _FEWEST = 60  # fewer pixels say nothing about the camera
 
 
@@ -64,7 +63,7 @@ def register(
     prior[6] = 1.0
 
     def cost(theta: NDArray[np.float64]) -> float:
-        return float(gauss_newton(image, picture, used, grid, theta, nothing, 1.0, _FAR_OFF, 0, stride, inside))
+        return float(gauss_newton(image, picture, used, grid, theta, nothing, 1.0, FAR_OFF, 0, stride, inside))
 
     still, moved = np.zeros(8), np.zeros(8)
     still[[0, 3]] = atlas.offset
@@ -74,7 +73,7 @@ def register(
         best, best_cost = moved, moved_cost
     refined = best.copy()
     refined_cost = float(
-        gauss_newton(image, picture, used, grid, refined, prior, 3.0 * noise, _FAR_OFF, 3, stride, inside)
+        gauss_newton(image, picture, used, grid, refined, prior, 3.0 * noise, FAR_OFF, 3, stride, inside)
     )
     if refined_cost <= best_cost and np.hypot(refined[0] - best[0], refined[3] - best[3]) < 2.0:
         best, best_cost = refined, refined_cost
@@ -117,10 +116,3 @@ def fill_new(atlas: Atlas, image: Image, odds: Plane) -> Atlas:
     cv2.copyTo(image, new.view(np.uint8), picture)
     counts[0][new] = np.where(odds[new] < -1.0, KNOWN, 0)
     return Atlas(picture, counts, atlas.offset)
-
-
-def shift(image: Image, offset: tuple[float, float]) -> Image:
-    """Image moved by a fraction of a pixel (cubic), the border repeated; itself for no motion."""
-    if offset == (0.0, 0.0):
-        return image
-    return translated(image, *offset)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..compiling import kernel, larger, local, part, root, smaller
 
 __all__ = [
+    "FAR_OFF",
     "KNOWN",
     "alpha_edge",
     "evidence",
@@ -47,6 +48,9 @@ _part = part(fastmath=_FAST)
 
 # Samples after which a background pixel is known; until then it must stay as it is from frame to frame.
 KNOWN = np.float32(3.0)
+
+# Gray levels; where two images differ by more, it counts as this much.
+FAR_OFF = 40.0
 
 
 _three = local(3)

@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from . import background as ground
 from . import colour, motion
 from . import mask as masks
 from .kernels import evidence, label, local_products
 from .state import Image, LayersParams, LayersState, Plane
-from .window import View, shifted
+from .window import View, shifted, translated
 
 __all__ = ["Expected", "Labels", "assign", "displace", "expect", "expect_nothing", "weigh"]
 
@@ -63,8 +62,8 @@ def expect(state: LayersState, view: View, moves: motion.Moves) -> Expected:
     """Move both layers to this frame."""
     theta, grid = moves.theta, moves.grid
     return Expected(
-        background=ground.shift(moves.atlas.image, moves.atlas.offset),
-        moved=ground.shift(state.previous, moves.camera),
+        background=translated(moves.atlas.image, *moves.atlas.offset),
+        moved=translated(state.previous, *moves.camera),
         carried=motion.warp(state.previous, theta, grid, None),
         seen=moves.atlas.counts[0],
         odds=motion.warp(state.odds, theta, grid, -3.0),
@@ -76,8 +75,8 @@ def expect(state: LayersState, view: View, moves: motion.Moves) -> Expected:
 def expect_nothing(state: LayersState, view: View, moves: motion.Moves, odds: Plane) -> Expected:
     """Move the background alone; the object is where `odds` says and looks as it looks."""
     return Expected(
-        background=ground.shift(moves.atlas.image, moves.atlas.offset),
-        moved=ground.shift(state.previous, moves.camera),
+        background=translated(moves.atlas.image, *moves.atlas.offset),
+        moved=translated(state.previous, *moves.camera),
         carried=view.image,
         seen=moves.atlas.counts[0],
         odds=odds,

@@ -14,7 +14,7 @@ from . import mask as masks
 from .kernels import KNOWN, label, learn
 from .labelling import Expected, Labels
 from .state import Atlas, Image, LayersState, Plane
-from .window import View, shifted, transformed
+from .window import View, shifted, transformed, translated
 
 __all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
 
@@ -95,7 +95,7 @@ def learn_frame(
     """
     atlas = moves.atlas
     picture, counts = atlas.image.copy(), atlas.counts.copy()
-    aligned = ground.shift(view.image, (-atlas.offset[0], -atlas.offset[1]))
+    aligned = translated(view.image, -atlas.offset[0], -atlas.offset[1])
     near = masks.dilate(labels.mask | (expected.odds > 0).view(np.uint8), 5)
     # a second mover is neither ground to be learned nor noise
     near[(labels.distractor != 0) & (near == 0)] = 2

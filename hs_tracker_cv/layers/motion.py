@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import background as ground
-from .kernels import fit_affine, gauss_newton, start_flow
+from .kernels import FAR_OFF, fit_affine, gauss_newton, start_flow
 from .mask import dilate
 from .state import Atlas, Image, LayersParams, LayersState, Plane
 from .window import View, transformed
@@ -19,7 +19,6 @@ __all__ = ["Grid", "Moves", "displace", "find", "follow", "warp"]
 
 _LOCAL = threading.local()
 _NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
-_FAR_OFF = 40.0  # gray levels; a larger difference counts as this one
 _CONTINUE = 1.03  # the motion found from the predicted one wins where it explains the frame about as well
 _FIT_PIXELS = 1200  # enough for eight parameters; more only cost time
 
@@ -180,7 +179,7 @@ def _cost(
     grid: Grid,
     theta: NDArray[np.float64],
     inside: NDArray[np.int64],
-    ceiling: float = _FAR_OFF,
+    ceiling: float = FAR_OFF,
 ) -> float:
     nothing = np.zeros(8)
     return float(

@@ -255,7 +255,7 @@ def _judge(
     unseen = (share < _UNSEEN and usable) or vanished or box is None
     occlusion = replace(occlusion, coasting=state.occlusion.coasting + 1 if unseen else 0, vanished=vanished)
     hidden = occlusion.occluded or unseen
-    whole = masks.box_of((expected.shape > 0.5).view(np.uint8), None) if hidden else None
+    whole = masks.box_of(shape.view(np.uint8), None) if hidden else None
     if whole is not None:
         if occlusion.occluded and not state.occlusion.occluded:
             occlusion = hiding.with_missing(occlusion, whole)

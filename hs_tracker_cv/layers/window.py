@@ -128,7 +128,9 @@ def transformed(
 
 
 def translated(image: Image, dx: float, dy: float) -> Image:
-    """Image moved by a part of a pixel or by many, cubic (Keys' kernel, a = −1/2), the border repeated."""
+    """Image moved by any distance, cubic (Keys' kernel, a = −1/2), the border repeated; itself for none."""
+    if (dx, dy) == (0.0, 0.0):
+        return image
     whole_x, whole_y = math.floor(dx), math.floor(dy)
     if (whole_x, whole_y) != (0, 0):
         rows = np.clip(np.arange(image.shape[0]) - whole_y, 0, image.shape[0] - 1)
