@@ -472,7 +472,9 @@ def _first_model(view: _View, g: _Geometry, pose: Pose, p: PropagationParams) ->
     return _Model(fine, fine, np.zeros_like(fine), np.ones_like(fine), (fine,), 0, histograms, likelihood, located)
 
 
-def step(state: PropagationState, frame: Frame, params: PropagationParams) -> PropagationState:
+def step(
+    state: PropagationState, frame: Frame, params: PropagationParams, *, near: tuple[float, float] | None = None
+) -> PropagationState:
     """Follow the object into the next frame.
 
     Parameters
@@ -489,7 +491,7 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     """
     g, expected = state.geometry, state.pose.moved(*state.velocity)
     view = _View(frame, g, expected)
-    found = _find(state, view, expected, params)
+    found = _find(state, view, expected, params, near)
     carried = _carry(state, view, found, params)
     pose, keys = _hold(state, view, frame, carried, params)
     verdict = _judge(state, frame, pose, expected, found.height, keys, params)
@@ -551,13 +553,18 @@ def _look(state: PropagationState, view: _View, at: Pose, expected: Pose, penalt
     return _Found(top.height, pose, float(response[row, column]), response, at, likelihood)
 
 
-def _find(state: PropagationState, view: _View, expected: Pose, p: PropagationParams) -> _Found:
+def _find(
+    state: PropagationState, view: _View, expected: Pose, p: PropagationParams, near: tuple[float, float] | None
+) -> _Found:
     g = state.geometry
     penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
     best = _look(state, view, expected, expected, penalty)
     if best.height < p.weak * state.peak:
         lost = state.low - p.patience
-        for at in _elsewhere(state.pose, g, view, lost):
+        places = _elsewhere(state.pose, g, view, lost)
+        if near is not None and lost > 0:
+            places = [replace(state.pose, cx=near[0] - 0.5, cy=near[1] - 0.5), *places]
+        for at in places:
             # Nothing is known of where a lost object is, so that no place is worth less than another.
             best = max(best, _look(state, view, at, at if lost > 0 else expected, penalty), key=lambda f: f.value)
     moved = math.hypot(best.pose.cx - expected.cx, best.pose.cy - expected.cy)
@@ -966,3 +973,9 @@ def ride(state: PropagationState, box: Box) -> PropagationState:
     )
     report = replace(state.report, box=box, ok=True, lost=False)
     return replace(state, pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, report=report)
+
+
+def dismiss(before: PropagationState, after: PropagationState) -> PropagationState:
+    """The state after a frame in which what it found turned out to be something else: still searching."""
+    report = replace(after.report, box=before.report.box, ok=False, lost=True, score=0.0)
+    return replace(before, low=before.low + 1, report=report)

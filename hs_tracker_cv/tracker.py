@@ -6,14 +6,14 @@ It decides; its collaborators compute. It is the only mutable object of a track:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from . import layers, propagation
+from . import layers, propagation, sighting
 from .choice import WITNESS_FRAMES, Choice, judge, size_difference
 from .flow import derivatives, normal_flow
 from .frames import Frame, InputError, as_frame, as_roi
@@ -38,6 +38,9 @@ SURE = 0.9
 
 ASK_EVERY = 5
 """Frames between two questions to a carried box that rides on a segmentation that is doubted."""
+
+SIGHTED = 0.6
+WHOLE = 0.8
 
 TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
 
@@ -109,6 +112,8 @@ class _Track:
     first: _Seen | None = None
     score: float = 1.0
     state: TrackerState = "tracking"
+    target: sighting.Target | None = None
+    scene: sighting.Scene | None = None
 
 
 class TrackerHS:
@@ -282,21 +287,39 @@ class TrackerHS:
 
 def _advance(track: _Track, frame: Frame) -> _Track:
     """Take one frame in: the modes look, the rule chooses, the track is replaced."""
-    segmented, carried, choice = _look(track, frame)
+    seen = sighting.look(track.scene, frame) if track.scene else None
+    segmented, carried, choice = _look(track, frame, seen)
     if segmented and carried:
         difference = size_difference(segmented.report.box, carried.report.box)
         judged = judge(choice, segmented.report.unexplained, difference)
         if choice.trusted and not judged.trusted and segmented.report.ok:
             carried, judged = _hand_over(track, carried, judged, frame)
+        elif judged.trusted and not choice.trusted and not carried.report.ok:
+            judged = replace(judged, trusted=False)  # nobody knows where the object is that it should follow
         choice = judged
     report = _followed(segmented, carried, choice).report
+    target = track.target
+    if segmented and segmented.report.ok and (target is None or (choice.trusted and segmented.report.score > SURE)):
+        target = sighting.describe(segmented)
+    box, score, state, scene = report.box, report.score, _state(report, frame), None
+    if state != "tracking" and segmented and carried:
+        scene = track.scene
+        if track.state == "tracking" and scene is None and target:
+            scene = sighting.remember(frame, target)
+        if seen:
+            box, score, state = seen.box, SIGHTED, "tracking"
+            if seen.share > WHOLE:
+                segmented = layers.reseed(segmented, frame, box, LAYERS)
+                carried, choice, scene = propagation.ride(carried, box), Choice(), None
     return _Track(
         layers=segmented,
         propagation=carried,
         choice=choice,
-        box=report.box,
-        score=report.score,
-        state=_state(report, frame),
+        box=box,
+        score=score,
+        state=state,
+        target=target,
+        scene=scene,
     )
 
 
@@ -314,36 +337,46 @@ def _hand_over(
     return carried, judged.keeping(track.choice)
 
 
-def _look(track: _Track, frame: Frame) -> tuple[LayersState | None, PropagationState | None, Choice]:
+def _look(track: _Track, frame: Frame, seen: sighting.Sighting | None) -> tuple[LayersState | None, PropagationState | None, Choice]:
     """Both modes whole while the choice is young; then the one followed, and of the other what keeps it ready.
 
     Ready means: segmentation goes on learning the background round the carried box, which is also what its trust is
     measured on; the carried box rides on the segment.
     """
     segmented, carried, choice = track.layers, track.propagation, track.choice
+    near = seen.box.centre if seen else None
     if segmented is None or carried is None or choice.frames < WITNESS_FRAMES:
         return (
             layers.step(segmented, frame, LAYERS) if segmented else None,
-            propagation.step(carried, frame, PROPAGATION) if carried else None,
+            propagation.step(carried, frame, PROPAGATION, near=near) if carried else None,
             choice,
         )
     if not choice.trusted:
-        carried = propagation.step(carried, frame, PROPAGATION)
+        carried = propagation.step(carried, frame, PROPAGATION, near=near)
         return layers.watch(segmented, frame, carried.report.box, LAYERS), carried, choice
     segmented = layers.step(segmented, frame, LAYERS)
+    if segmented.report.ok and track.scene and sighting.foreign(track.scene, frame, segmented.report.box):
+        segmented = segmented.replace(report=replace(segmented.report, ok=False, lost=True, score=0.0))
     if segmented.report.ok:
         return segmented, propagation.ride(carried, segmented.report.box), choice
-    return _search(segmented, carried, choice, frame)
+    return _search(segmented, carried, choice, frame, near, track.scene)
 
 
 def _search(
-    segmented: LayersState, carried: PropagationState, choice: Choice, frame: Frame
+    segmented: LayersState,
+    carried: PropagationState,
+    choice: Choice,
+    frame: Frame,
+    near: tuple[float, float] | None,
+    scene: sighting.Scene | None,
 ) -> tuple[LayersState, PropagationState, Choice]:
     """Segmentation waits where the object was last; the carried box knows what it looks like and searches around.
 
     Where that finds it, segmentation begins anew, and has to earn its trust as after `init`.
     """
-    searching = propagation.step(carried, frame, PROPAGATION)
+    searching = propagation.step(carried, frame, PROPAGATION, near=near)
+    if searching.report.ok and scene and sighting.foreign(scene, frame, searching.report.box):
+        return segmented, propagation.dismiss(carried, searching), choice
     if carried.report.lost and searching.report.ok:
         return layers.reseed(segmented, frame, searching.report.box, LAYERS), searching, Choice(trusted=False)
     return segmented, searching, choice

@@ -1,0 +1,179 @@
+"""Where in the whole frame something new has the colours of the object that was lost.
+
+While the object is out of sight, every n-th pixel of the frame is compared with the frame in which it went. What has
+changed since and has colours of the object, hardly any of anything else, is where it comes back: long before enough
+of it is seen for its appearance to be compared. Something else that comes by has changed too, but has other colours.
+Nothing is seen in this way when the camera moves (everything has changed), nor of an object whose colours are those
+of the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .frames import Frame, crop
+from .geometry import Box
+from .layers import LayersState, colour
+
+__all__ = ["Scene", "Sighting", "Target", "describe", "foreign", "look", "remember"]
+
+_ACROSS = 8  # samples across the shorter side of the object
+_MOST = 30_000  # samples of a frame
+_FEWEST = 3  # samples across the object below which nothing can be told
+_TELLING = 0.5  # log-ratio of object to scene from which a colour speaks for the object
+_DISTINCT = 0.5  # share of the object in such colours below which they do not tell it from the scene
+_CHANGED = 4.0  # difference that counts as change, in units of the noise
+_LEAST_CHANGE = 12.0  # the same, gray levels
+_RESTLESS = 0.25  # share of the frame changed from which it is the camera that has moved
+_SHARE = 0.15  # of the object that must be seen
+_PURITY = 0.9  # share of what has changed there that has its colours, against that of the object itself
+_FOREIGN = 0.8  # the same, below which it is something else
+_NEW = 0.05  # share of a box changed from which that tells
+_PRESENT = 0.5  # of the object's telling colours that must be in a box in which nothing has changed
+
+
+class Target(NamedTuple):
+    """What an object is known by.
+
+    Parameters
+    ----------
+    colours : ndarray, shape (bins,), float32
+        Its histogram.
+    size : tuple of float
+        Width and height, frame px.
+    area : float
+        Frame px².
+    noise : float
+        Of the video, gray levels.
+    """
+
+    colours: NDArray[np.float32]
+    size: tuple[float, float]
+    area: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A frame without the object, and by what colours it will be known.
+
+    Parameters
+    ----------
+    target : Target
+    samples : ndarray, shape (h, w, C), float32
+        Every `step`-th pixel.
+    step : int
+        Frame px.
+    telling : ndarray, shape (bins,), uint8
+        1 for colours that speak for the object.
+    distinct : float
+        Share of the object in such colours.
+    """
+
+    target: Target
+    samples: NDArray[np.float32]
+    step: int
+    telling: NDArray[np.uint8]
+    distinct: float
+
+
+class Sighting(NamedTuple):
+    """Something that may be the object: the box of what is seen of it (frame px), and the share that is, 0–1."""
+
+    box: Box
+    share: float
+
+
+def describe(state: LayersState) -> Target:
+    """What is known of the object, from a frame in which all of it is seen."""
+    k = state.step
+    area = float(np.count_nonzero(state.shape > 0.5)) * k**2
+    return Target(state.colours[0], (state.box[2] * k, state.box[3] * k), area, state.noise)
+
+
+def remember(frame: Frame, target: Target) -> Scene | None:
+    """Take in the frame in which the object was lost.
+
+    Returns
+    -------
+    Scene or None
+        None when its colours do not tell it from the scene, or it is too small for a look at every n-th pixel.
+    """
+    side = min(target.size)
+    step = max(1, round(side / _ACROSS), math.ceil(math.sqrt(frame.width * frame.height / _MOST)))
+    if side < _FEWEST * step:
+        return None
+    samples = _samples(frame, step)
+    colours = target.colours
+    scene = colour.histogram(np.bincount(_bins(samples).ravel(), minlength=colours.size).astype(np.float32))
+    telling = np.log((colours + np.float32(1e-4)) / (scene + np.float32(1e-4))) > _TELLING
+    distinct = float(colours[telling].sum())
+    if distinct < _DISTINCT:
+        return None
+    return Scene(target, samples, step, telling.astype(np.uint8), distinct)
+
+
+def look(scene: Scene, frame: Frame) -> Sighting | None:
+    """Look for the object in a frame; None when nothing like it is seen."""
+    samples = _samples(frame, scene.step)
+    changed = _changed(scene, samples)
+    if np.count_nonzero(changed) > _RESTLESS * changed.size:
+        return None
+    alike = changed & scene.telling[_bins(samples)]
+    step = scene.step
+    across, down = (max(1, round(side / step)) for side in scene.target.size)
+    counts, of_all = (
+        cv2.boxFilter(plane, cv2.CV_32F, (across, down), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for plane in (alike, changed)
+    )
+    _, most, _, (x, y) = cv2.minMaxLoc(counts)
+    share = most * step**2 / (scene.target.area * scene.distinct)
+    if share < _SHARE or most < _PURITY * scene.distinct * float(of_all[y, x]):
+        return None
+    left, top = max(x - across // 2, 0), max(y - down // 2, 0)
+    i, j, w, h = cv2.boundingRect(alike[top : y - down // 2 + down, left : x - across // 2 + across])
+    return Sighting(Box((left + i) * step, (top + j) * step, w * step, h * step), min(share, 1.0))
+
+
+def foreign(scene: Scene, frame: Frame, box: Box) -> bool:
+    """Is what another tracker takes for the object something else?
+
+    It is not when what is new in the box has the object's colours, or when all that is in it has, new or not.
+    """
+    samples = _samples(frame, scene.step)
+    changed, telling = _changed(scene, samples), scene.telling[_bins(samples)]
+    if np.count_nonzero(changed) > _RESTLESS * changed.size:
+        return False
+    inside = box.clip(frame.width, frame.height)
+    x0, y0, x1, y1 = (round(edge / scene.step) for edge in (inside.x, inside.y, inside.right, inside.bottom))
+    changed, telling = changed[y0:y1, x0:x1], telling[y0:y1, x0:x1]
+    new, own = int(np.count_nonzero(changed)), int(np.count_nonzero(changed & telling))
+    if new > _NEW * changed.size:
+        return own < _FOREIGN * scene.distinct * new
+    whole = scene.distinct * scene.target.area / scene.step**2
+    return int(np.count_nonzero(telling)) < _PRESENT * whole
+
+
+def _changed(scene: Scene, samples: NDArray[np.float32]) -> NDArray[np.uint8]:
+    threshold = max(_CHANGED * scene.target.noise, _LEAST_CHANGE)
+    return (np.abs(samples - scene.samples).max(axis=2) > threshold).astype(np.uint8)
+
+
+def _samples(frame: Frame, step: int) -> NDArray[np.float32]:
+    middle = step // 2
+    thinned = Frame(frame.pixels[middle::step, middle::step], frame.gain)
+    return crop(thinned, 0, 0, thinned.width, thinned.height)
+
+
+def _bins(samples: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Bin of each sample, as the labelling kernel numbers them."""
+    if samples.shape[2] == 3:
+        blue, green, red = (samples[:, :, c].astype(np.int32) >> 5 for c in range(3))
+        return (blue * 8 + green) * 8 + red
+    return samples[:, :, 0].astype(np.int32) >> 3
