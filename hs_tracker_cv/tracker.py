@@ -39,6 +39,7 @@ SURE = 0.9
 ASK_EVERY = 5
 """Frames between two questions to a carried box that rides on a segmentation that is doubted."""
 
+UNDERSTOOD = 0.06
 SIGHTED = 0.6
 WHOLE = 0.8
 
@@ -289,6 +290,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
     """Take one frame in: the modes look, the rule chooses, the track is replaced."""
     seen = sighting.look(track.scene, frame) if track.scene else None
     segmented, carried, choice = _look(track, frame, seen)
+    target = track.target
     if segmented and carried:
         difference = size_difference(segmented.report.box, carried.report.box)
         judged = judge(choice, segmented.report.unexplained, difference)
@@ -298,13 +300,12 @@ def _advance(track: _Track, frame: Frame) -> _Track:
             judged = replace(judged, trusted=False)  # nobody knows where the object is that it should follow
         choice = judged
     report = _followed(segmented, carried, choice).report
-    target = track.target
     if segmented and segmented.report.ok and (target is None or (choice.trusted and segmented.report.score > SURE)):
         target = sighting.describe(segmented)
     box, score, state, scene = report.box, report.score, _state(report, frame), None
     if state != "tracking" and segmented and carried:
         scene = track.scene
-        if track.state == "tracking" and scene is None and target:
+        if track.state == "tracking" and scene is None and target and choice.unexplained < UNDERSTOOD:
             scene = sighting.remember(frame, target)
         if seen:
             box, score, state = seen.box, SIGHTED, "tracking"
