@@ -26,7 +26,7 @@ __all__ = ["Scene", "Sighting", "Target", "describe", "foreign", "look", "rememb
 _ACROSS = 8  # samples across the shorter side of the object
 _MOST = 30_000  # samples of a frame
 _FEWEST = 3  # samples across the object below which nothing can be told
-_TELLING = 0.5  # log-ratio of object to scene from which a colour speaks for the object
+_BULK = 0.9  # share of the object in its commonest colours: the others say nothing
 _DISTINCT = 0.5  # share of the object in such colours below which they do not tell it from the scene
 _CHANGED = 4.0  # difference that counts as change, in units of the noise
 _LEAST_CHANGE = 12.0  # the same, gray levels
@@ -112,7 +112,7 @@ def remember(frame: Frame, target: Target) -> Scene | None:
     samples = _samples(frame, step)
     colours = target.colours
     scene = colour.histogram(np.bincount(_bins(samples).ravel(), minlength=colours.size).astype(np.float32))
-    telling = np.log((colours + np.float32(1e-4)) / (scene + np.float32(1e-4))) > _TELLING
+    telling = (colours >= _least_of(colours, _BULK)) & (colours > scene)
     distinct = float(colours[telling].sum())
     if distinct < _DISTINCT:
         return None
@@ -163,6 +163,12 @@ def foreign(scene: Scene, frame: Frame, box: Box) -> bool:
 def _changed(scene: Scene, samples: NDArray[np.float32]) -> NDArray[np.uint8]:
     threshold = max(_CHANGED * scene.target.noise, _LEAST_CHANGE)
     return (np.abs(samples - scene.samples).max(axis=2) > threshold).astype(np.uint8)
+
+
+def _least_of(histogram: NDArray[np.float32], share: float) -> float:
+    """The height of the least of the bins that together hold a share of a histogram."""
+    heights = np.sort(histogram)[::-1]
+    return float(heights[np.searchsorted(np.cumsum(heights), share)])
 
 
 def _samples(frame: Frame, step: int) -> NDArray[np.float32]:
