@@ -35,6 +35,9 @@ _SHARE = 0.15  # of the object that must be seen
 _PURITY = 0.9  # share of what has changed there that has its colours, against that of the object itself
 _FOREIGN = 0.8  # the same, below which it is something else
 _NEW = 0.05  # share of a box changed from which that tells
+_SAME = 0.85  # Bhattacharyya coefficient of two histograms from which they are the same object's
+_SLOWLY = 0.98  # share of its size that an object keeps from one frame to the next
+_ALIKE = (0.7, 0.15)  # the same coefficient from which a small part may be the object's, and how much more for all
 _PRESENT = 0.5  # of the object's telling colours that must be in a box in which nothing has changed
 
 
@@ -45,17 +48,14 @@ class Target(NamedTuple):
     ----------
     colours : ndarray, shape (bins,), float32
         Its histogram.
-    size : tuple of float
-        Width and height, frame px.
-    area : float
-        Frame px².
+    extent : tuple of float
+        Width and height, frame px, and area, frame px².
     noise : float
         Of the video, gray levels.
     """
 
     colours: NDArray[np.float32]
-    size: tuple[float, float]
-    area: float
+    extent: tuple[float, float, float]
     noise: float
 
 
@@ -90,11 +90,20 @@ class Sighting(NamedTuple):
     share: float
 
 
-def describe(state: LayersState) -> Target:
-    """What is known of the object, from a frame in which all of it is seen."""
-    k = state.step
-    area = float(np.count_nonzero(state.shape > 0.5)) * k**2
-    return Target(state.colours[0], (state.box[2] * k, state.box[3] * k), area, state.noise)
+def describe(state: LayersState, known: Target | None) -> Target:
+    """What is known of the object after a frame in which all of it is seen.
+
+    Its colours change slowly. If they are suddenly others, it is another object, and what was `known` stays. It
+    shrinks slowly, too: an object that goes out of sight seems to shrink fast.
+    """
+    colours, k = state.colours[0], state.step
+    if known is not None and float(np.sqrt(colours * known.colours).sum()) < _SAME:
+        return known
+    extent = (state.box[2] * k, state.box[3] * k, float(np.count_nonzero(state.shape > 0.5)) * k**2)
+    if known is not None:
+        width, height, area = (max(new, _SLOWLY * old) for new, old in zip(extent, known.extent, strict=True))
+        extent = width, height, area
+    return Target(colours, extent, state.noise)
 
 
 def remember(frame: Frame, target: Target) -> Scene | None:
@@ -105,13 +114,13 @@ def remember(frame: Frame, target: Target) -> Scene | None:
     Scene or None
         None when its colours do not tell it from the scene, or it is too small for a look at every n-th pixel.
     """
-    side = min(target.size)
+    side = min(target.extent[:2])
     step = max(1, round(side / _ACROSS), math.ceil(math.sqrt(frame.width * frame.height / _MOST)))
     if side < _FEWEST * step:
         return None
     samples = _samples(frame, step)
     colours = target.colours
-    scene = colour.histogram(np.bincount(_bins(samples).ravel(), minlength=colours.size).astype(np.float32))
+    scene = _histogram(_bins(samples), colours.size)
     telling = (colours >= _least_of(colours, _BULK)) & (colours > scene)
     distinct = float(colours[telling].sum())
     if distinct < _DISTINCT:
@@ -125,19 +134,25 @@ def look(scene: Scene, frame: Frame) -> Sighting | None:
     changed = _changed(scene, samples)
     if np.count_nonzero(changed) > _RESTLESS * changed.size:
         return None
-    alike = changed & scene.telling[_bins(samples)]
+    bins = _bins(samples)
+    alike = changed & scene.telling[bins]
     step = scene.step
-    across, down = (max(1, round(side / step)) for side in scene.target.size)
+    across, down = (max(1, round(side / step)) for side in scene.target.extent[:2])
     counts, of_all = (
         cv2.boxFilter(plane, cv2.CV_32F, (across, down), normalize=False, borderType=cv2.BORDER_CONSTANT)
         for plane in (alike, changed)
     )
     _, most, _, (x, y) = cv2.minMaxLoc(counts)
-    share = most * step**2 / (scene.target.area * scene.distinct)
+    share = most * step**2 / (scene.target.extent[2] * scene.distinct)
     if share < _SHARE or most < _PURITY * scene.distinct * float(of_all[y, x]):
         return None
     left, top = max(x - across // 2, 0), max(y - down // 2, 0)
-    i, j, w, h = cv2.boundingRect(alike[top : y - down // 2 + down, left : x - across // 2 + across])
+    window = np.s_[top : y - down // 2 + down, left : x - across // 2 + across]
+    colours = _histogram(bins[window][changed[window] != 0], scene.target.colours.size)
+    least, more = _ALIKE
+    if float(np.sqrt(colours * scene.target.colours).sum()) < least + more * min(share, 1.0):
+        return None
+    i, j, w, h = cv2.boundingRect(alike[window])
     return Sighting(Box((left + i) * step, (top + j) * step, w * step, h * step), min(share, 1.0))
 
 
@@ -156,13 +171,17 @@ def foreign(scene: Scene, frame: Frame, box: Box) -> bool:
     new, own = int(np.count_nonzero(changed)), int(np.count_nonzero(changed & telling))
     if new > _NEW * changed.size:
         return own < _FOREIGN * scene.distinct * new
-    whole = scene.distinct * scene.target.area / scene.step**2
+    whole = scene.distinct * scene.target.extent[2] / scene.step**2
     return int(np.count_nonzero(telling)) < _PRESENT * whole
 
 
 def _changed(scene: Scene, samples: NDArray[np.float32]) -> NDArray[np.uint8]:
     threshold = max(_CHANGED * scene.target.noise, _LEAST_CHANGE)
     return (np.abs(samples - scene.samples).max(axis=2) > threshold).astype(np.uint8)
+
+
+def _histogram(bins: NDArray[np.int32], count: int) -> NDArray[np.float32]:
+    return colour.histogram(np.bincount(bins.ravel(), minlength=count).astype(np.float32))
 
 
 def _least_of(histogram: NDArray[np.float32], share: float) -> float:

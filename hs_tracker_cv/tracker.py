@@ -17,7 +17,7 @@ from . import layers, propagation, sighting
 from .choice import WITNESS_FRAMES, Choice, judge, size_difference
 from .flow import derivatives, normal_flow
 from .frames import Frame, InputError, as_frame, as_roi
-from .geometry import Box
+from .geometry import Box, iou
 from .layers import LayersReport, LayersState
 from .params import TrackerHS_Params
 from .propagation import PropagationReport, PropagationState
@@ -301,7 +301,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
         choice = judged
     report = _followed(segmented, carried, choice).report
     if segmented and segmented.report.ok and (target is None or (choice.trusted and segmented.report.score > SURE)):
-        target = sighting.describe(segmented)
+        target = sighting.describe(segmented, target)
     box, score, state, scene = report.box, report.score, _state(report, frame), None
     if state != "tracking" and segmented and carried:
         scene = track.scene
@@ -356,11 +356,11 @@ def _look(track: _Track, frame: Frame, seen: sighting.Sighting | None) -> tuple[
         carried = propagation.step(carried, frame, PROPAGATION, near=near)
         return layers.watch(segmented, frame, carried.report.box, LAYERS), carried, choice
     segmented = layers.step(segmented, frame, LAYERS)
-    if segmented.report.ok and track.scene and sighting.foreign(track.scene, frame, segmented.report.box):
+    if segmented.report.ok and not _believable(segmented.report.box, track.scene, seen, frame):
         segmented = segmented.replace(report=replace(segmented.report, ok=False, lost=True, score=0.0))
     if segmented.report.ok:
         return segmented, propagation.ride(carried, segmented.report.box), choice
-    return _search(segmented, carried, choice, frame, near, track.scene)
+    return _search(segmented, carried, choice, frame, seen, track.scene)
 
 
 def _search(
@@ -368,19 +368,30 @@ def _search(
     carried: PropagationState,
     choice: Choice,
     frame: Frame,
-    near: tuple[float, float] | None,
+    seen: sighting.Sighting | None,
     scene: sighting.Scene | None,
 ) -> tuple[LayersState, PropagationState, Choice]:
     """Segmentation waits where the object was last; the carried box knows what it looks like and searches around.
 
     Where that finds it, segmentation begins anew, and has to earn its trust as after `init`.
     """
-    searching = propagation.step(carried, frame, PROPAGATION, near=near)
-    if searching.report.ok and scene and sighting.foreign(scene, frame, searching.report.box):
+    searching = propagation.step(carried, frame, PROPAGATION, near=seen.box.centre if seen else None)
+    if searching.report.ok and not _believable(searching.report.box, scene, seen, frame):
         return segmented, propagation.dismiss(carried, searching), choice
     if carried.report.lost and searching.report.ok:
         return layers.reseed(segmented, frame, searching.report.box, LAYERS), searching, Choice(trusted=False)
     return segmented, searching, choice
+
+
+def _believable(
+    box: Box, scene: sighting.Scene | None, seen: sighting.Sighting | None, frame: Frame
+) -> bool:
+    """May a mode that has lost the object have found it again in this box?"""
+    if scene is None:
+        return True
+    if seen and seen.share > WHOLE and iou(seen.box, box) < 0.5:
+        return False
+    return not sighting.foreign(scene, frame, box)
 
 
 def _followed(
