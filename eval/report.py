@@ -15,7 +15,7 @@ from .framesource import FrameSourceError
 from .metrics import METRICS
 from .overlay import contact_sheet, encode_jpeg, write_video
 from .plots import before_loss_plot, calibration_plot, colour_of, precision_plot, speed_plot, success_plot
-from .results import Folder, ResultsError, Run
+from .results import Folder, ResultsError, Run, SpeedRun
 from .sequences import Sequence
 from .statistics import calibration, curves, score_before_loss
 from .tables import (
@@ -81,6 +81,7 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "attributes": attribute_table(summary),
         "per_sequence": sequence_table(summary),
         "speed": speed_text(folder.read_speeds()) if len(summary.speed) else None,
+        "turns": _turns(folder.read_speeds()),
         "wall": f"{(summary.speed['wall'] / summary.speed['median']).median():.2f}",
         "failures": failure_table(summary),
         "plots": [
@@ -97,6 +98,12 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "conventions": _conventions(),
         "units": {metric.title: metric.better for metric in METRICS.values()},
     }
+
+
+def _turns(runs: list[SpeedRun]) -> str:
+    """How long a turn of each tracker was, in words; nothing where results are too old to say."""
+    blocks = sorted({str(run.provenance["block"]) for run in runs if "block" in run.provenance}, key=int)
+    return f", {' or '.join(blocks)} at a time" if blocks else ""
 
 
 def _is_share(text: str) -> bool:

@@ -91,7 +91,7 @@ class Run:
 
 @dataclass(frozen=True)
 class SpeedRun:
-    """Times of all trackers on one sequence, interleaved frame by frame.
+    """Times of all trackers on one sequence, measured by turns.
 
     Parameters
     ----------

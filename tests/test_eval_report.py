@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from eval.report import write_report
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory
 from eval.sequences import Sequence
 from eval.statistics import bootstrap_interval, differences, overall, per_attribute, speed_table
-from eval.tables import Summary, overall_table, sequence_table, summarise_folder, write_tables
+from eval.tables import Summary, overall_table, sequence_table, speed_overall_text, summarise_folder, write_tables
 
 COUNT, SIZE = 20, (96, 72)
 STAMP = {
@@ -183,6 +184,14 @@ def test_speed_is_summed_up_by_median_and_tail() -> None:
     assert table["p95"].iloc[0] == pytest.approx(np.percentile(times, 95))
 
 
+def test_speed_per_tracker_is_told_against_the_rival() -> None:
+    """Frames per second and the ratio to CSRT are medians over sequences, the least ratio is the least."""
+    times = {"x": (1.0, 5.0), "y": (2.0, 4.0), "z": (4.0, 36.0)}
+    runs = [SpeedRun("k", name, {"A": [own], "CSRT": [rival]}, {}, {}) for name, (own, rival) in times.items()]
+    table = speed_overall_text([replace(run, wall=run.milliseconds) for run in runs])
+    assert table.to_numpy().tolist() == [["A", "500", "2.00", "5.0", "2.0"], ["CSRT", "200", "5.00", "1.0", "1.0"]]
+
+
 def test_tables_are_written_in_three_formats(summary: Summary, tmp_path: Path) -> None:
     """CSV can be read back with all digits, Markdown and LaTeX hold the same rows, with their signs escaped."""
     paths = {path.name: path for path in write_tables(summary, tmp_path / "tables")}
@@ -305,7 +314,7 @@ def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> No
     assert all(name in listed for name in COMMANDS)
     assert main(["nonsense"]) == 2
     assert "unknown command 'nonsense'" in capsys.readouterr().err
-    for name in ("run", "speed", "report", "check", "bench"):
+    for name in COMMANDS:
         with pytest.raises(SystemExit) as ended:
             main([name, "--help"])
         assert ended.value.code == 0
@@ -321,7 +330,7 @@ def test_the_whole_way_from_the_command_line(tmp_path: Path, capsys: pytest.Capt
     (images.parent / "groundtruth_rect.txt").write_text("\n".join(lines))
     common = ["--dataset", f"otb:{tmp_path / 'data'}", "--out", str(tmp_path / "out")]
     assert main(["run", *common, "--trackers", "Static", "Oracle", "--starts", "2"]) == 0
-    assert main(["speed", *common, "--trackers", "Static", "--frames", "2"]) == 0
+    assert main(["speed", *common, "--trackers", "Static", "CSRT", "--frames", "2", "--block", "1"]) == 0
     assert main(["report", "--out", str(tmp_path / "out"), "--chosen", "Oracle"]) == 0
     printed = capsys.readouterr().out
     assert "mean IoU per sequence of otb:" in printed

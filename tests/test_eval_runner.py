@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -78,6 +79,14 @@ class Witness(Base):
     def update(self, image):
         ints = all(type(v) is int for v in self.box)
         return True, (float(image.mean()), 1.0 + ints, image.shape[0], image.shape[1])
+
+class Diary(Base):
+    """Writes down whose turn it is, for which frame."""
+    def update(self, image):
+        self.frame += 1
+        with open(self.params["path"], "a") as diary:
+            diary.write(f"{self.params['label']}{self.frame} ")
+        return True, self.box
 
 class Scoring(Base):
     def update(self, image):
@@ -236,8 +245,6 @@ def test_start_boxes_are_perturbed_alike_for_all_and_stay_inside(sequence: Seque
 
 def test_a_start_box_is_cut_by_the_frame(sequence: Sequence) -> None:
     """cv2's MIL and KCF die of a box that reaches outside: nobody gets one."""
-    from dataclasses import replace
-
     boxes = sequence.boxes.copy()
     boxes[0] = (-8.0, 40.0, 20.0, 30.0)
     assert start_box(replace(sequence, boxes=boxes), 0) == (0, 40, 12, 8)
@@ -420,3 +427,48 @@ def test_speed_is_measured_side_by_side_and_survives(
     assert first.status["Raise"].startswith("raised RuntimeError")
     assert first.status["Hang"] == "timed out after 6 s"
     assert json.loads(folder.speed_path("tiny").read_text())["provenance"]["opencv"] == cv2.__version__
+
+
+@pytest.mark.parametrize(
+    ("block", "turns"),
+    [
+        (1, "a1 b1 a2 b2 a3 b3 a4 b4 a5 b5"),
+        (3, "a1 b1 a2 a3 a4 b2 b3 b4 a5 b5"),
+        (9, "a1 b1 a2 a3 a4 a5 b2 b3 b4 b5"),
+    ],
+)
+def test_trackers_take_turns_of_a_block_of_updates(
+    block: int, turns: str, bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """After the updates to warm up, each has its few frames before the next one has the same; none is left out."""
+    diary = tmp_path / "diary"
+    specs = [replace(bad("Diary", label=name, path=str(diary)), name=name) for name in "ab"]
+    found: list[SpeedRun] = []
+    measure_speed(
+        specs,
+        [sequence],
+        Folder(tmp_path / "results"),
+        frames=40,
+        warm_up=1,
+        block=block,
+        report=lambda run, reused: found.append(run),
+    )
+    assert diary.read_text().split() == turns.split()
+    assert [len(times) for times in found[0].milliseconds.values()] == [4, 4]
+    assert found[0].provenance["block"] == block
+
+
+def test_times_of_another_protocol_are_not_reused(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """Turns of another length are another measurement, and take the place of the stored one."""
+    folder, reused = Folder(tmp_path / "results"), []
+    for block in (2, 1, 1, 2):
+        measure_speed([bad("Fine")], [sequence], folder, block=block, report=lambda run, again: reused.append(again))
+    assert reused == [False, False, True, False]
+
+
+def test_a_turn_without_updates_is_refused(sequence: Sequence, tmp_path: Path) -> None:
+    """The error says what was asked for."""
+    with pytest.raises(ValueError, match="at least one update, got 0"):
+        measure_speed([], [sequence], Folder(tmp_path), block=0, report=lambda run, reused: None)
