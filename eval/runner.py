@@ -29,6 +29,7 @@ import psutil
 from .results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory, provenance
 from .sequences import Sequence
 from .trackers import TrackerSpec, code_version
+from .worker import UNWRITTEN
 
 __all__ = [
     "BLOCK",
@@ -59,6 +60,7 @@ are filled with what those have left there, which costs a fast tracker the great
 _PROTOCOL = "1"  # part of every key of a run: raise it when what a tracker is given changes
 _SPEED_PROTOCOL = "2"  # the same for the timing pass: raise it when what is measured changes
 _POLL_SECONDS = 0.02
+_GLANCE_SECONDS = 0.25
 
 
 class _Cancelled(Exception):
@@ -251,10 +253,22 @@ def run_one(
                 ended = _watch(process, limits, stop or threading.Event())
             finally:
                 _end(process)
+        if process.returncode == UNWRITTEN:
+            _check_room(place)
         records = _read_records(place / "records")
         # A positive code is Python's own end, and its last line says why; a signal leaves nothing of ours there.
         complaint = _last_line(place / "errors") if process.returncode > 0 else ""
     return _as_run(job, key, records, ended, complaint, stamp or {**provenance(), "code": code_version(job.tracker)})
+
+
+def _check_room(place: Path) -> None:
+    """See whether a file can be written; otherwise what is missing is our fault, and no tracker's."""
+    try:
+        (place / "probe").write_bytes(bytes(2**16))
+    except OSError as error:
+        raise ResultsError(
+            f"cannot write to {place}: {error.strerror or error}; what was written before is safe"
+        ) from error
 
 
 def _open_command(job: Job) -> dict[str, Any]:
@@ -410,10 +424,12 @@ def _find_nonsense(trajectory: Trajectory, size: tuple[int, int]) -> str:
 
 
 class _LiveWorker:
-    """A worker process that is asked one thing at a time."""
+    """A worker process that is asked one thing at a time; the limits hold for one answer."""
 
-    def __init__(self) -> None:
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
         self._process = _spawn(subprocess.PIPE, subprocess.PIPE, subprocess.DEVNULL)
+        self._gauge = psutil.Process(self._process.pid)
         self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
@@ -425,27 +441,39 @@ class _LiveWorker:
                 self._answers.put(line)
         self._answers.put("")
 
-    def ask(self, command: Mapping[str, Any], seconds: float, answers: int = 1) -> list[dict[str, Any]]:
-        """Send a command that has so many answers, each within `seconds`; a failure is an answer, and the last."""
+    def ask(self, command: Mapping[str, Any], answers: int = 1) -> list[dict[str, Any]]:
+        """Send a command that has so many answers; a failure is an answer, and the last."""
         assert self._process.stdin is not None
         found: list[dict[str, Any]] = []
         try:
             self._process.stdin.write(json.dumps(command) + "\n")
             self._process.stdin.flush()
-            while len(found) < answers and not (found and "failure" in found[-1]):
-                found.append(self._answer(seconds))
         except OSError:
-            found.append(self._dead())
-        return found
+            return [self._dead()]
+        while len(found) < answers and not (found and "failure" in found[-1]):
+            found.append(self._answer())
+        return [*found, self._too_large()] if self._eats() else found
 
-    def _answer(self, seconds: float) -> dict[str, Any]:
-        try:
-            line = self._answers.get(timeout=seconds)
-        except queue.Empty:
-            self.close()
-            return {"failure": f"timed out after {seconds:g} s"}
-        answer: dict[str, Any] = json.loads(line) if line else self._dead()
-        return answer
+    def _answer(self) -> dict[str, Any]:
+        deadline = time.monotonic() + self._limits.seconds
+        # A look at its memory takes time from it: only while it takes long, and between the turns.
+        while (left := deadline - time.monotonic()) > 0:
+            with contextlib.suppress(queue.Empty):
+                line = self._answers.get(timeout=min(_GLANCE_SECONDS, left))
+                return dict(json.loads(line)) if line else self._dead()
+            if self._eats():
+                return self._too_large()
+        return self._ended(f"timed out after {self._limits.seconds:g} s")
+
+    def _eats(self) -> bool:
+        return self.running() and _own_megabytes(self._gauge) > self._limits.megabytes
+
+    def _too_large(self) -> dict[str, Any]:
+        return self._ended(f"used more than {self._limits.megabytes:g} MB of memory")
+
+    def _ended(self, reason: str) -> dict[str, Any]:
+        self.close()
+        return {"failure": reason}
 
     def _dead(self) -> dict[str, Any]:
         self.close()
@@ -491,7 +519,7 @@ def measure_speed(
     block : int, optional
         Updates of one tracker before it is the next one's turn.
     limits : Limits, optional
-        Its seconds hold for a single update.
+        For a single update.
     report : callable
         Called with each result and whether it was reused.
     """
@@ -508,7 +536,7 @@ def measure_speed(
             run = _stored_speed(sequence, key, folder)
             reused = run is not None
             if run is None:
-                run = _time_sequence(trackers, sequence, workers, key=key, counts=counts, seconds=limits.seconds)
+                run = _time_sequence(trackers, sequence, workers, key=key, counts=counts, limits=limits)
                 folder.write_speed(run)
             report(run, reused)
     finally:
@@ -541,7 +569,7 @@ def _time_sequence(
     *,
     key: str,
     counts: tuple[int, int, int],
-    seconds: float,
+    limits: Limits,
 ) -> SpeedRun:
     times: dict[str, list[float]] = {tracker.name: [] for tracker in trackers}
     walls: dict[str, list[float]] = {tracker.name: [] for tracker in trackers}
@@ -549,10 +577,10 @@ def _time_sequence(
     running = list(times)
     for tracker in trackers:
         if tracker.name not in workers or not workers[tracker.name].running():
-            workers[tracker.name] = _LiveWorker()
+            workers[tracker.name] = _LiveWorker(limits)
 
     def ask(name: str, command: Mapping[str, Any], answers: int = 1) -> list[dict[str, Any]]:
-        found = workers[name].ask(command, seconds, answers)
+        found = workers[name].ask(command, answers)
         if found and "failure" in found[-1]:
             status[name] = found.pop()["failure"]
             running.remove(name)
