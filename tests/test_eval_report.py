@@ -353,3 +353,35 @@ def test_errors_are_one_line(arguments: list[str], message: str, capsys: pytest.
     """No traceback: what was wrong, and what is known."""
     assert main(arguments) == 1
     assert capsys.readouterr().err.startswith(message)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"sequences": 5}', "\x00\x01"])
+@pytest.mark.parametrize("name", ["run.json", "sequences/one.json", "tracks/Exact/one.s0r0.json", "speed/one.json"])
+def test_a_damaged_file_of_any_kind_is_one_clear_line(
+    name: str, content: str, folder: Folder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The report names the file and what to do, makes no table of what is left, and ends with 1."""
+    path = folder.path / name
+    assert path.is_file(), sorted(folder.path.rglob("*.json"))
+    path.write_text(content)
+    assert main(["report", "--out", str(folder.path.parent), "--only", folder.path.name]) == 1
+    said = capsys.readouterr()
+    assert said.err.startswith(f"error: {path} is damaged (")
+    assert "delete it and run again" in said.err
+    assert said.err.count("\n") == 1
+    assert not (folder.path / "tables").exists()
+
+
+def test_a_full_disk_at_the_end_is_one_clear_line(
+    folder: Folder, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tables and report that cannot be written are named with the reason."""
+
+    def full(self: Path, *arguments: object, **options: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    assert main(["report", "--out", str(folder.path.parent), "--only", folder.path.name]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: cannot write ")
+    assert said.endswith(": No space left on device\n")
