@@ -14,11 +14,22 @@ import pytest
 
 from eval.__main__ import COMMANDS, main
 from eval.framesource import FrameSource
+from eval.plots import before_loss_plot
 from eval.regression import compare, update
 from eval.report import write_report
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory
 from eval.sequences import Sequence
-from eval.statistics import bootstrap_interval, differences, overall, per_attribute, speed_table
+from eval.statistics import (
+    bootstrap_interval,
+    differences,
+    median_known,
+    overall,
+    per_attribute,
+    score_before_loss,
+    score_frames,
+    speed_table,
+    wilson_interval,
+)
 from eval.tables import Summary, overall_table, sequence_table, speed_overall_text, summarise_folder, write_tables
 
 COUNT, SIZE = 20, (96, 72)
@@ -234,7 +245,44 @@ def test_the_report_is_one_file_with_everything(summary: Summary, folder: Folder
     assert "crashed (SIGSEGV) at frame 3" in page.text
     assert "Frame 0 is given to the tracker and is not scored." in page.text
     assert "c0de" in page.text
+    assert "m, Python 3.11, OpenCV 4.13, commit abc." in page.text
+    scoring = page.text.partition("How it is scored")[2].partition("Where the figures")[0]
+    assert "It is invisible when nothing can be seen" in scoring
+    assert not re.search(r"[*`]|:data:", scoring)
     assert not re.search(r"\bnan\b", page.text)
+
+
+def test_results_of_mixed_origin_are_said(summary: Summary, folder: Folder, tmp_path: Path) -> None:
+    """What differs between trackers is a column, and both origins of one tracker stand in its cell."""
+    run = summary.scored[0].run
+    folder.write_run(replace(run, provenance={**run.provenance, "opencv": "5.0"}))
+    write_report(summarise_folder(folder, chosen="Near"), folder, tmp_path / "report.html", videos=0)
+    page = _Page()
+    page.feed((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "m, Python 3.11, commit abc." in page.text
+    assert "5.0, 4.13" in page.text or "4.13, 5.0" in page.text
+
+
+def test_the_score_round_a_loss_has_a_row_per_sequence(tmp_path: Path) -> None:
+    """Each row is the score round the first frame without the target; the plot shows every row and their median."""
+    sequences = [make_sequence(tmp_path, name, ()) for name in ("one", "two")]
+    runs = [make_run("A", sequence, 0.0) for sequence in sequences]
+    runs[1].trajectory.score[:] /= 2
+    rounds = score_before_loss(score_frames(runs, sequences), before=5, after=3)["A"]
+    # Visible up to frame 17; frame 0 is not scored.
+    expected = np.append(np.linspace(1.0, 0.0, COUNT)[13:20], [np.nan] * 2)
+    np.testing.assert_allclose(rounds, [expected, expected / 2])
+    np.testing.assert_allclose(median_known(rounds)[:3], 0.75 * expected[:3])
+    svg = before_loss_plot({"A": rounds}, "A", before=5)
+    assert "A, 2 losses" in svg
+    assert svg != before_loss_plot({"A": rounds[:1]}, "A", before=5)
+
+
+def test_the_interval_of_a_share_is_wilsons() -> None:
+    """Against values from a table of the formula; one frame says next to nothing, and no end leaves 0 to 1."""
+    low, high = wilson_interval(np.array([0.5, 1.0, 0.0, 0.9]), np.array([10.0, 1.0, 1.0, 1000.0]))
+    np.testing.assert_allclose(low, [0.2366, 0.2065, 0.0, 0.8798], atol=1e-3)
+    np.testing.assert_allclose(high, [0.7634, 1.0, 0.7935, 0.9171], atol=1e-3)
 
 
 def test_the_report_does_without_frames_speed_and_scores(folder: Folder, tmp_path: Path) -> None:
