@@ -1,13 +1,14 @@
 """Many updates in one process: whether memory grows, whether updates become slower.
 
-``python -m benchmarks.soak`` makes 100,000 updates with an init every 500. Targets: resident memory within 2 MB of
-what it was after the first 1,000, the same time per update from first tenth to last.
+``python -m benchmarks.soak`` makes 100,000 updates with an init every 500. Resident memory must stay within 2 MB of
+what it was after the first 1,000, and the time per update must not drift, or the exit code is 1.
 """
 
 from __future__ import annotations
 
 import argparse
 import statistics
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +22,12 @@ from hs_tracker_cv import TrackerHS_create
 
 SETTLED = 1000
 """Updates after which every kernel is loaded and every buffer has its size."""
+
+GROWTH = 2.0
+"""Resident memory that may come on top of that of the settled process, MB, at any time."""
+
+DRIFT = 1.15
+"""Time per update in the last three tenths over that in the first three: beyond what a shared machine makes of it."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,27 @@ class Soaked:
     final: float
     highest: float
     tenths: tuple[float, ...]
+
+    @property
+    def growth(self) -> float:
+        """Most memory that came on top of that of the settled process, MB."""
+        return max(self.final, self.highest) - self.settled
+
+    @property
+    def drift(self) -> float:
+        """Time per update at the end over that at the beginning."""
+        return statistics.median(self.tenths[-3:]) / statistics.median(self.tenths[:3])
+
+    def faults(self) -> list[str]:
+        """What went beyond its bar, in words."""
+        return [
+            f"{name} is {value:.2f}, expected at most {bar}"
+            for name, value, bar in (
+                ("growth of memory in MB", self.growth, GROWTH),
+                ("time per update at the end over that at the beginning", self.drift, DRIFT),
+            )
+            if value > bar
+        ]
 
 
 def ring(count: int = 60) -> tuple[list[NDArray[np.uint8]], list[tuple[int, int, int, int]]]:
@@ -92,8 +120,8 @@ def soak(updates: int, *, restart: int = 500, settled: int = SETTLED) -> Soaked:
     return Soaked(updates, first, process.memory_info().rss / 2**20, highest, tenths)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run and print memory and times."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print memory, times and the verdict; return 0 if both are within their bars."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--updates", type=int, default=100_000)
     options = parser.parse_args(arguments)
@@ -102,8 +130,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"{soaked.updates} updates on OpenCV {cv2.__version__}")
     print(f"resident memory after {SETTLED}: {soaked.settled:.1f} MB, at the end: {soaked.final:.1f} MB", end="")
     print(f" ({soaked.final - soaked.settled:+.1f}), highest {soaked.highest:.1f} MB")
-    print("CPU ms per update by tenths:", " ".join(f"{value:.2f}" for value in soaked.tenths))
+    print("CPU ms per update by tenths:", " ".join(f"{value:.2f}" for value in soaked.tenths), end="")
+    print(f" (end over beginning {soaked.drift:.2f})")
+    faults = soaked.faults()
+    print(f"soak: {'FAILED: ' + '; '.join(faults) if faults else 'passed'}")
+    return 1 if faults else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -52,7 +52,7 @@ def _run(name: str, arguments: list[str]) -> int:
         command = getattr(import_module(module), function)
         chosen = tyro.cli(command, args=arguments, prog=f"python -m eval {name}", config=(tyro.conf.OmitArgPrefixes,))
         return int(chosen or 0)
-    except (ResultsError, ValueError) as error:
+    except (ResultsError, ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

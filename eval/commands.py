@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from . import ablation, regression
+from .options import Dataset, Jobs, Only, Out, Suite, SuiteName, Trackers
 from .progress import Steps, make_console
 from .report import write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
-from .runner import TIMED_UPDATES, Limits, make_jobs, measure_speed, run_jobs
+from .runner import BLOCK, TIMED_UPDATES, Limits, make_jobs, measure_speed, run_jobs
 from .sequences import Sequence, SequenceError, load_dataset, load_suite
 from .tables import (
     console_table,
@@ -20,6 +18,7 @@ from .tables import (
     format_cell,
     overall_table,
     sequence_table,
+    speed_overall_text,
     speed_text,
     summarise_folder,
     write_table,
@@ -31,27 +30,20 @@ __all__ = ["ablate", "bench", "check", "report", "run", "speed"]
 
 _console = make_console()
 
-_Suite = Annotated[str | None, tyro.conf.arg(help='Synthetic suite; "standard" when no data set is given.')]
-_Dataset = Annotated[str | None, tyro.conf.arg(help="otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.")]
-_Trackers = Annotated[tuple[str, ...], tyro.conf.arg(help="Names, or pkg.module:factory.")]
-_Sequences = Annotated[tuple[str, ...], tyro.conf.arg(help="Only these.")]
-_Jobs = Annotated[int, tyro.conf.arg(help="Processes at a time.")]
-_Out = Annotated[Path, tyro.conf.arg(help="Folder of all results; each suite or data set has one of its own in it.")]
-
 
 def run(
     *,
-    suite: _Suite = None,
-    dataset: _Dataset = None,
-    trackers: _Trackers = DEFAULT_TRACKERS,
-    sequences: _Sequences = (),
-    jobs: _Jobs = 2,
+    suite: Suite = None,
+    dataset: Dataset = None,
+    trackers: Trackers = DEFAULT_TRACKERS,
+    sequences: Only = (),
+    jobs: Jobs = 2,
     timeout: float = 300.0,
     memory: float = 2048.0,
     starts: int = 0,
     frames: int | None = None,
     retry_failed: bool = False,
-    out: _Out = Path("results"),
+    out: Out = Path("results"),
 ) -> None:
     """Run trackers over a suite or data set and store what they answer. What has been run is not run again.
 
@@ -69,43 +61,45 @@ def run(
         Run those again that failed before.
     """
     specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
-    source, found = _load(suite, dataset, sequences, frames)
-    folder = Folder(out / _folder_name(suite, dataset))
-    folder.write_manifest(source, found)
+    folder, found = _open(out, suite, dataset, sequences, frames=frames)
     _run_with_progress(specs, found, folder, jobs, Limits(timeout, memory), starts, retry_failed)
     _print_summary(folder, [spec.name for spec in specs])
 
 
 def speed(
     *,
-    suite: _Suite = None,
-    dataset: _Dataset = None,
-    trackers: _Trackers = DEFAULT_TRACKERS,
-    sequences: _Sequences = (),
+    suite: Suite = None,
+    dataset: Dataset = None,
+    trackers: Trackers = DEFAULT_TRACKERS,
+    sequences: Only = (),
     frames: int = TIMED_UPDATES,
+    block: int = BLOCK,
     timeout: float = 60.0,
-    out: _Out = Path("results"),
+    out: Out = Path("results"),
 ) -> None:
-    """Time single updates: one thread, warm, trackers by turns on the same frames. Leave the machine alone.
+    """Time updates: one thread, warm, trackers by turns on the same few frames. Leave the machine alone.
 
     Parameters
     ----------
     frames
         Timed updates per sequence and tracker, after five to warm up.
+    block
+        Updates of one tracker before it is the next one's turn. 1 is turns by single frames: then every update
+        starts with caches that the other trackers have filled.
     timeout
         Seconds for one update.
     """
     specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
-    source, found = _load(suite, dataset, sequences, None)
-    folder = Folder(out / _folder_name(suite, dataset))
-    folder.write_manifest(source, found)
-    _speed_with_progress(specs, found, folder, frames, Limits(timeout))
-    _console.print(console_table(speed_text(folder.read_speeds()), "median ms per update"))
+    folder, found = _open(out, suite, dataset, sequences)
+    _speed_with_progress(specs, found, folder, Limits(timeout), frames=frames, block=block)
+    measured = folder.read_speeds()
+    _console.print(console_table(speed_text(measured), "median ms per update"))
+    _console.print(console_table(speed_overall_text(measured), "medians over sequences"))
 
 
 def report(
     *,
-    out: _Out = Path("results"),
+    out: Out = Path("results"),
     only: str | None = None,
     chosen: str = "TrackerHS",
     trackers: tuple[str, ...] | None = None,
@@ -136,37 +130,31 @@ def report(
         _console.print(f"report: {(path / 'report.html').resolve()}", soft_wrap=True)
 
 
-def bench(*, suite: str = "standard", jobs: _Jobs = 2, repeats: int = 1, out: _Out = Path("results")) -> None:
+def bench(*, suite: SuiteName = "standard", jobs: Jobs = 2, repeats: int = 1, out: Out = Path("results")) -> None:
     """Everything on one suite with every tracker: accuracy, speed, report.
 
     Parameters
     ----------
-    suite
-        Synthetic suite.
-    jobs
-        Processes at a time; speed is measured with one whatever this says.
     repeats
         Most runs to average of a tracker that differs from run to run. That is MIL, which takes half of the time:
         `run` gives it three runs, and goes on from here.
     """
     specs = [find_tracker(name) for name in DEFAULT_TRACKERS]
     specs = [replace(spec, repeats=min(spec.repeats, repeats)) for spec in specs]
-    source, found = _load(suite, None, (), None)
-    folder = Folder(out / suite)
-    folder.write_manifest(source, found)
+    folder, found = _open(out, suite, None)
     _run_with_progress(specs, found, folder, jobs, Limits(), 0, False)
-    _speed_with_progress(specs, found, folder, TIMED_UPDATES, Limits(60.0))
+    _speed_with_progress(specs, found, folder, Limits(60.0))
     report(out=out, only=suite)
 
 
 def ablate(
     *,
-    suite: _Suite = None,
-    dataset: _Dataset = None,
+    suite: Suite = None,
+    dataset: Dataset = None,
     parts: tuple[str, ...] = (),
-    sequences: _Sequences = (),
-    jobs: _Jobs = 2,
-    out: _Out = Path("results"),
+    sequences: Only = (),
+    jobs: Jobs = 2,
+    out: Out = Path("results"),
 ) -> None:
     """What each part of TrackerHS is worth: mean IoU with one part taken out, or with another flow in it.
 
@@ -176,27 +164,23 @@ def ablate(
         Only these, by their names in eval/ablation.py.
     """
     specs = ablation.specs(parts)
-    source, found = _load(suite, dataset, sequences, None)
-    folder = Folder(out / f"ablation-{_folder_name(suite, dataset)}")
-    folder.write_manifest(source, found)
+    folder, found = _open(out, suite, dataset, sequences, kind="ablation-")
     _run_with_progress(specs, found, folder, jobs, Limits(900.0), 0, False)
     summary = summarise_folder(folder, chosen=ablation.WHOLE, trackers=[spec.name for spec in specs])
     write_tables(summary, folder.path / "tables")
     table = ablation.ablation_table(summary)
     write_table(table, "ablation", folder.path / "tables")
-    _console.print(console_table(table, f"ablation on {source}"))
+    _console.print(console_table(table, f"ablation on {summary.source}"))
     failures = failure_table(summary)
     if len(failures):
         _console.print(console_table(failures, "runs that did not go through"))
 
 
-def check(*, suite: str = "smoke", tracker: str = "TrackerHS", jobs: _Jobs = 2, update: bool = False) -> int:
+def check(*, suite: SuiteName = "smoke", tracker: str = "TrackerHS", jobs: Jobs = 2, update: bool = False) -> int:
     """Compare mean IoU with the committed reference figures; fails when it fell.
 
     Parameters
     ----------
-    suite
-        Synthetic suite.
     tracker
         Name, or pkg.module:factory.
     update
@@ -233,6 +217,22 @@ def _load(
     return source, [sequence.cut(frames) for sequence in found if not only or sequence.name in only]
 
 
+def _open(
+    out: Path,
+    suite: str | None,
+    dataset: str | None,
+    only: tuple[str, ...] = (),
+    *,
+    frames: int | None = None,
+    kind: str = "",
+) -> tuple[Folder, list[Sequence]]:
+    """Sequences, and the folder of their results, which says from now on what the last run was about."""
+    source, found = _load(suite, dataset, only, frames)
+    folder = Folder(out / f"{kind}{_folder_name(suite, dataset)}")
+    folder.write_manifest(source, found)
+    return folder, found
+
+
 def _folder_name(suite: str | None, dataset: str | None) -> str:
     if dataset is None:
         return suite or "standard"
@@ -263,7 +263,13 @@ def _run_with_progress(
 
 
 def _speed_with_progress(
-    specs: list[TrackerSpec], sequences: list[Sequence], folder: Folder, frames: int, limits: Limits
+    specs: list[TrackerSpec],
+    sequences: list[Sequence],
+    folder: Folder,
+    limits: Limits,
+    *,
+    frames: int = TIMED_UPDATES,
+    block: int = BLOCK,
 ) -> None:
     with Steps(_console, f"speed of {len(specs)} trackers", len(sequences)) as steps:
 
@@ -273,7 +279,7 @@ def _speed_with_progress(
                 if status != COMPLETED and not reused:
                     steps.say(f"{tracker} on {measured.sequence}: {status}")
 
-        measure_speed(specs, sequences, folder, frames=frames, limits=limits, report=done)
+        measure_speed(specs, sequences, folder, frames=frames, block=block, limits=limits, report=done)
 
 
 def _print_summary(folder: Folder, trackers: list[str]) -> None:

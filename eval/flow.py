@@ -17,6 +17,7 @@ from .flow_data import FlowPair, dataset_pairs, suite_pairs
 from .flow_methods import FLOW_METHODS, flow_method
 from .flow_picture import flow_to_color, largest_flow
 from .flow_run import FlowResult, MethodProcess, RunOptions, picture_path, run_pair
+from .options import Out, Suite
 from .progress import Steps, make_console
 
 if TYPE_CHECKING:
@@ -103,20 +104,18 @@ def _save_truth(pair: FlowPair, out: Path) -> None:
 
 def main_flow(
     *,
-    suite: str | None = None,
+    suite: Suite = None,
     dataset: str | None = None,
     methods: tuple[str, ...] = (),
     pairs: int = 2,
     repeats: int = 5,
     timeout: float = 180.0,
-    out: Path = Path("results/flow"),
+    out: Out = Path("results/flow"),
 ) -> None:
     """Compare flow methods on true flow: error, time, plots, pictures. What has been measured is not measured again.
 
     Parameters
     ----------
-    suite
-        Synthetic suite; "standard" when no data set is given.
     dataset
         middlebury:DIR, a folder of NAME/frame10.png, frame11.png, flow10.flo.
     methods
@@ -127,8 +126,6 @@ def main_flow(
         Most timed calls per pair; slow methods get fewer.
     timeout
         Seconds for one method on one pair.
-    out
-        Folder of all comparisons; each suite or data set has one of its own in it.
     """
     from .flow_plots import save_plots
     from .flow_tables import results_frame, save_tables, show

@@ -4,8 +4,8 @@ Conventions
 -----------
 * Frame 0 is given to the tracker and is not scored.
 * The reference is the box of the whole object clipped to the frame; the estimate is clipped likewise.
-* A frame is *visible*, and its box is scored, when at least :data:`MIN_VISIBILITY` of the object can be seen and its
-  clipped box has an area. It is *invisible* when nothing can be seen: only `ok` counts. In between, nothing does.
+* A frame is *visible*, and its box is scored, when at least a tenth of the object can be seen and its clipped box has
+  an area. It is *invisible* when nothing can be seen: only `ok` counts. In between, nothing does.
 * ``ok=False``, a missing answer or a box that is not finite on a visible frame has IoU 0 and an infinite distance.
 * The success curve is the share of frames with IoU ≥ t, and with IoU > 0 at t = 0: a perfect tracker scores 1 at
   every threshold and an absent one 0. Its AUC (trapezium rule, 101 thresholds) therefore reaches exactly 1. The

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from .metrics import PRECISION_THRESHOLDS, SUCCESS_THRESHOLDS
+from .statistics import median_known, wilson_interval
 
 __all__ = ["before_loss_plot", "calibration_plot", "colour_of", "precision_plot", "speed_plot", "success_plot"]
 
@@ -64,26 +65,26 @@ def _svg(figure: Figure) -> str:
 def success_plot(curves: Curves, scores: Mapping[str, float], chosen: str) -> str:
     """Share of frames over the IoU threshold; the legend gives the area, best first."""
     with matplotlib.rc_context(_SETTINGS):
-        figure, axes = _new(5.4, 4.2)
+        figure, axes = _new(6.8, 4.2)
         for name in sorted(curves, key=lambda name: -scores[name]):
             style = _style(name, list(curves), chosen)
             axes.plot(SUCCESS_THRESHOLDS, curves[name][0], label=f"{name} {scores[name]:.3f}", **style)
         axes.set(xlabel="IoU threshold", ylabel="share of frames with IoU ≥ threshold", xlim=(0, 1), ylim=(0, 1.01))
-        axes.legend(title="AUC", fontsize=8, loc="lower left", framealpha=0.85)
+        figure.legend(title="AUC", fontsize=8, loc="outside right upper")
         return _svg(figure)
 
 
 def precision_plot(curves: Curves, chosen: str) -> str:
     """Share of frames over the distance of the centres; the legend gives it at 20 px, best first."""
     with matplotlib.rc_context(_SETTINGS):
-        figure, axes = _new(5.4, 4.2)
+        figure, axes = _new(6.8, 4.2)
         at_20 = {name: float(curve[1][PRECISION_THRESHOLDS == 20.0][0]) for name, curve in curves.items()}
         for name in sorted(curves, key=lambda name: -at_20[name]):
             style = _style(name, list(curves), chosen)
             axes.plot(PRECISION_THRESHOLDS, curves[name][1], label=f"{name} {at_20[name]:.3f}", **style)
         axes.axvline(20.0, color="#999999", linewidth=0.8)
         axes.set(xlabel="distance of the centres, px", ylabel="share of frames", xlim=(0, 50), ylim=(0, 1.01))
-        axes.legend(title="at 20 px", fontsize=8, loc="lower right", framealpha=0.85)
+        figure.legend(title="at 20 px", fontsize=8, loc="outside right upper")
         return _svg(figure)
 
 
@@ -96,42 +97,66 @@ def speed_plot(table: pd.DataFrame, chosen: str) -> str:
     with matplotlib.rc_context(_SETTINGS):
         figure, axes = _new(5.4, 4.2)
         names = list(table["tracker"])
+        axes.set_xscale("log")
+        taken: list[tuple[float, float]] = []
         for name, fps, score in zip(known["tracker"], known["fps"], known["mean_iou"], strict=True):
             axes.scatter(fps, score, s=60, color=colour_of(name, names, chosen), zorder=3)
+            # Names of neighbours stand at different heights.
+            near = sum(abs(np.log10(fps / x)) < 0.6 and abs(score - y) < 0.05 for x, y in taken)
+            offset = (7, -3 if near % 2 == 0 else -9)
             weight = "bold" if name == chosen else "normal"
-            axes.annotate(name, (fps, score), (5, 5), textcoords="offset points", fontsize=8, fontweight=weight)
-        axes.set_xscale("log")
+            axes.annotate(name, (fps, score), offset, textcoords="offset points", fontsize=8, fontweight=weight)
+            taken.append((fps, score))
         axes.margins(x=0.22)
         axes.set(xlabel="frames per second (one thread)", ylabel="mean IoU", ylim=(0, 1.02))
         return _svg(figure)
 
 
 def calibration_plot(tables: Mapping[str, pd.DataFrame], chosen: str) -> str:
-    """Share of frames really located over the tracker's own score; a calibrated one lies on the diagonal."""
+    """Share of frames really located over the tracker's own score; a calibrated one lies on the diagonal.
+
+    Each point is a tenth of the score: its area says how many frames have it, its bar how well the share is known.
+    """
     if not tables:
         return ""
     with matplotlib.rc_context(_SETTINGS):
-        figure, axes = _new(4.6, 4.0)
+        figure, axes = _new(5.4, 4.2)
         axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8)
         for name, table in tables.items():
-            style = _style(name, list(tables), chosen)
-            axes.plot(table["score"], table["located"], marker="o", markersize=4, label=name, **style)
-            for score, located, frames in zip(table["score"], table["located"], table["frames"], strict=True):
-                axes.annotate(str(int(frames)), (score, located), (4, -9), textcoords="offset points", fontsize=6)
-        axes.set(xlabel="getTrackingScore()", ylabel="share located (IoU ≥ 0.5)", xlim=(0, 1), ylim=(0, 1.02))
+            colour = colour_of(name, list(tables), chosen)
+            score, located, frames = (table[column].to_numpy(float) for column in ("score", "located", "frames"))
+            low, high = wilson_interval(located, frames)
+            axes.vlines(score, low, high, color=colour, linewidth=1.2)
+            axes.scatter(score, located, s=12 + 8 * np.log2(frames), color=colour, label=name, zorder=3)
+            if name == chosen:
+                _number(axes, score, located, frames)
+        axes.set(
+            xlabel="getTrackingScore()", ylabel="share located (IoU ≥ 0.5)", xlim=(-0.06, 1.06), ylim=(-0.06, 1.06)
+        )
         axes.legend(fontsize=8, loc="upper left")
         return _svg(figure)
 
 
-def before_loss_plot(medians: Mapping[str, FloatArray], chosen: str, *, before: int = 20) -> str:
-    """Median score in the frames round a loss."""
-    if not medians:
+def _number(axes: Axes, score: FloatArray, located: FloatArray, frames: FloatArray) -> None:
+    for x, y, count in zip(score, located, frames, strict=True):
+        # On the inner side of the point, so that neighbours at either end do not touch.
+        offset = (0, -15 if y > 0.5 else 9)
+        axes.annotate(f"{int(count)}", (x, y), offset, textcoords="offset points", fontsize=8, ha="center", zorder=4)
+
+
+def before_loss_plot(scores: Mapping[str, FloatArray], chosen: str, *, before: int = 20) -> str:
+    """Score in the frames round a loss: the median, and of the chosen tracker each loss as a thin line."""
+    if not scores:
         return ""
     with matplotlib.rc_context(_SETTINGS):
-        figure, axes = _new(4.6, 4.0)
-        for name, values in medians.items():
-            axes.plot(np.arange(len(values)) - before, values, label=name, **_style(name, list(medians), chosen))
+        figure, axes = _new(5.4, 4.2)
+        for name, rows in scores.items():
+            style, frames = _style(name, list(scores), chosen), np.arange(rows.shape[1]) - before
+            if name == chosen:
+                axes.plot(frames, rows.T, color=style["color"], linewidth=0.8, alpha=0.45)
+            label = f"{name}, {len(rows)} {'loss' if len(rows) == 1 else 'losses'}"
+            axes.plot(frames, median_known(rows), label=label, **style)
         axes.axvline(0.0, color="#999999", linewidth=0.8)
-        axes.set(xlabel="frames from the loss (IoU < 0.1, or out of sight)", ylabel="median score", ylim=(0, 1.02))
+        axes.set(xlabel="frames from the loss (IoU < 0.1, or out of sight)", ylabel="score", ylim=(-0.02, 1.02))
         axes.legend(fontsize=8, loc="lower left")
         return _svg(figure)

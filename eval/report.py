@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import html
+import re
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,7 +17,7 @@ from .framesource import FrameSourceError
 from .metrics import METRICS
 from .overlay import contact_sheet, encode_jpeg, write_video
 from .plots import before_loss_plot, calibration_plot, colour_of, precision_plot, speed_plot, success_plot
-from .results import Folder, ResultsError, Run
+from .results import Folder, ResultsError, Run, SpeedRun
 from .sequences import Sequence
 from .statistics import calibration, curves, score_before_loss
 from .tables import (
@@ -70,6 +72,7 @@ def write_report(summary: Summary, folder: Folder, path: Path, *, videos: int = 
 
 def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object]:
     chosen = summary.chosen
+    origin, provenance = _provenance(summary)
     tracker_curves = curves(summary.scored)
     areas = dict(zip(summary.overall["tracker"], summary.overall["auc"], strict=True))
     return {
@@ -81,6 +84,7 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "attributes": attribute_table(summary),
         "per_sequence": sequence_table(summary),
         "speed": speed_text(folder.read_speeds()) if len(summary.speed) else None,
+        "turns": _turns(folder.read_speeds()),
         "wall": f"{(summary.speed['wall'] / summary.speed['median']).median():.2f}",
         "failures": failure_table(summary),
         "plots": [
@@ -93,10 +97,17 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
             ("The score round a loss", before_loss_plot(score_before_loss(summary.scored), chosen)),
         ],
         "pictures": _pictures(summary, videos),
-        "provenance": _provenance(summary, folder),
+        "origin": origin,
+        "provenance": provenance,
         "conventions": _conventions(),
         "units": {metric.title: metric.better for metric in METRICS.values()},
     }
+
+
+def _turns(runs: list[SpeedRun]) -> str:
+    """How long a turn of each tracker was, in words; nothing where results are too old to say."""
+    blocks = sorted({str(run.provenance["block"]) for run in runs if "block" in run.provenance}, key=int)
+    return f", {' or '.join(blocks)} at a time" if blocks else ""
 
 
 def _is_share(text: str) -> bool:
@@ -128,9 +139,15 @@ def _colours(summary: Summary) -> dict[str, str]:
 
 
 def _conventions() -> list[str]:
-    """The list of the conventions, as the docstring that the code obeys has it."""
-    lines = (metrics.__doc__ or "").partition("-----------\n")[2].split("\n* ")
-    return [" ".join(line.replace("* ", "", 1).split()).replace("``", "").replace(":data:", "") for line in lines]
+    """The list of the conventions, as the docstring that the code obeys has it; HTML."""
+    lines = re.split(r"^\* ", (metrics.__doc__ or "").partition("-----------\n")[2], flags=re.MULTILINE)[1:]
+    return [_from_rst(" ".join(line.split())) for line in lines]
+
+
+def _from_rst(text: str) -> str:
+    """The little markup that our docstrings have, as HTML."""
+    text = re.sub(r"(?::\w+:)?(`+)([^`]+)\1", r"<code>\2</code>", html.escape(text))
+    return re.sub(r"\*([^*]+)\*", r"<i>\1</i>", text)
 
 
 def _first_runs(summary: Summary) -> dict[str, dict[str, Run]]:
@@ -188,21 +205,28 @@ def _video_bytes(sequence: Sequence, runs: dict[str, Run], colours: dict[str, st
         return path.read_bytes()
 
 
-def _provenance(summary: Summary, folder: Folder) -> pd.DataFrame:
-    """What made the results of each tracker; more than one entry in a cell means that they are of mixed origin."""
+def _provenance(summary: Summary) -> tuple[str, pd.DataFrame]:
+    """What made the results: what all trackers share as a sentence, the rest as a table, one row per tracker.
+
+    More than one entry in a cell means that the results are of mixed origin.
+    """
     by_tracker: dict[str, list[Run]] = {}
     for item in summary.scored:
         by_tracker.setdefault(item.run.tracker, []).append(item.run)
     rows = []
     for tracker, runs in by_tracker.items():
         stamps = [run.provenance for run in runs]
-        times = sorted(str(stamp["time"]) for stamp in stamps)
+        times = sorted(str(stamp["time"])[:16].replace("T", " ") for stamp in stamps)
         row = {"tracker": tracker, "runs": str(len(runs)), "factory": _distinct(stamp["tracker"] for stamp in stamps)}
-        row |= {name: _distinct(stamp[name] for stamp in stamps) for name in ("params", "code", "commit", "opencv")}
-        row |= {"python": _distinct(stamp["python"] for stamp in stamps)}
-        row |= {"machine": _distinct(stamp["machine"] for stamp in stamps), "from": times[0], "to": times[-1]}
-        rows.append(row)
-    return pd.DataFrame(rows)
+        row |= {name: _distinct(stamp[name] for stamp in stamps) for name in ("params", "code", *_ORIGIN)}
+        rows.append(row | {"from (UTC)": times[0], "to": times[-1]})
+    table = pd.DataFrame(rows)
+    shared = [name for name in _ORIGIN if table[name].nunique() == 1]
+    sentence = ", ".join(f"{_ORIGIN[name]} {table[name].iloc[0]}".strip() for name in shared)
+    return sentence, table.drop(columns=shared)
+
+
+_ORIGIN = {"machine": "", "python": "Python", "opencv": "OpenCV", "commit": "commit"}
 
 
 def _distinct(values: Iterable[object]) -> str:

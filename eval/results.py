@@ -91,7 +91,7 @@ class Run:
 
 @dataclass(frozen=True)
 class SpeedRun:
-    """Times of all trackers on one sequence, interleaved frame by frame.
+    """Times of all trackers on one sequence, measured by turns.
 
     Parameters
     ----------
@@ -174,7 +174,11 @@ class Folder:
         path = self.path / "run.json"
         if not path.exists():
             raise ResultsError(f"no results in {self.path}: run `python -m eval run` first")
-        return self._read(path)
+        data = self._read(path)
+        names = data.get("sequences")
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in [*names, data.get("source")]):
+            raise self._corrupt(path, "no source, or no list of sequences")
+        return data
 
     def read_sequences(self) -> list[Sequence]:
         """Sequences of the last run, with their truth; the frames may be gone by now."""

@@ -29,8 +29,19 @@ import psutil
 from .results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory, provenance
 from .sequences import Sequence
 from .trackers import TrackerSpec, code_version
+from .worker import UNWRITTEN
 
-__all__ = ["TIMED_UPDATES", "Job", "Limits", "make_jobs", "measure_speed", "run_jobs", "run_one", "start_box"]
+__all__ = [
+    "BLOCK",
+    "TIMED_UPDATES",
+    "Job",
+    "Limits",
+    "make_jobs",
+    "measure_speed",
+    "run_jobs",
+    "run_one",
+    "start_box",
+]
 
 PERTURBATION = 0.1
 """Largest change of a perturbed start box, in box sizes: position and size alike."""
@@ -41,8 +52,15 @@ WARM_UP = 5
 TIMED_UPDATES = 40
 """Per sequence and tracker: enough for a median, since thirty sequences are measured."""
 
-_PROTOCOL = "1"  # part of every key: raise it when what a tracker is given changes
+BLOCK = 10
+"""Consecutive updates of one tracker before it is the next one's turn. Turns let noise fall on all alike; a block is
+what the user of a single tracker sees, whose caches are his own: after a single update of each other tracker they
+are filled with what those have left there, which costs a fast tracker the greatest share of its time."""
+
+_PROTOCOL = "1"  # part of every key of a run: raise it when what a tracker is given changes
+_SPEED_PROTOCOL = "2"  # the same for the timing pass: raise it when what is measured changes
 _POLL_SECONDS = 0.02
+_GLANCE_SECONDS = 0.25
 
 
 class _Cancelled(Exception):
@@ -235,10 +253,22 @@ def run_one(
                 ended = _watch(process, limits, stop or threading.Event())
             finally:
                 _end(process)
+        if process.returncode == UNWRITTEN:
+            _check_room(place)
         records = _read_records(place / "records")
         # A positive code is Python's own end, and its last line says why; a signal leaves nothing of ours there.
         complaint = _last_line(place / "errors") if process.returncode > 0 else ""
     return _as_run(job, key, records, ended, complaint, stamp or {**provenance(), "code": code_version(job.tracker)})
+
+
+def _check_room(place: Path) -> None:
+    """See whether a file can be written; otherwise what is missing is our fault, and no tracker's."""
+    try:
+        (place / "probe").write_bytes(bytes(2**16))
+    except OSError as error:
+        raise ResultsError(
+            f"cannot write to {place}: {error.strerror or error}; what was written before is safe"
+        ) from error
 
 
 def _open_command(job: Job) -> dict[str, Any]:
@@ -390,14 +420,16 @@ def _find_nonsense(trajectory: Trajectory, size: tuple[int, int]) -> str:
     )
 
 
-# --- speed: all trackers side by side, one update at a time ------------------------------------------------
+# --- speed: all trackers side by side, a block of updates at a time ----------------------------------------
 
 
 class _LiveWorker:
-    """A worker process that is asked one thing at a time."""
+    """A worker process that is asked one thing at a time; the limits hold for one answer."""
 
-    def __init__(self) -> None:
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
         self._process = _spawn(subprocess.PIPE, subprocess.PIPE, subprocess.DEVNULL)
+        self._gauge = psutil.Process(self._process.pid)
         self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
@@ -409,23 +441,43 @@ class _LiveWorker:
                 self._answers.put(line)
         self._answers.put("")
 
-    def ask(self, command: Mapping[str, Any], seconds: float) -> dict[str, Any]:
-        """Send a command that has one answer; a failure is an answer too."""
+    def ask(self, command: Mapping[str, Any], answers: int = 1) -> list[dict[str, Any]]:
+        """Send a command that has so many answers; a failure is an answer, and the last."""
         assert self._process.stdin is not None
+        found: list[dict[str, Any]] = []
         try:
             self._process.stdin.write(json.dumps(command) + "\n")
             self._process.stdin.flush()
-            line = self._answers.get(timeout=seconds)
-        except queue.Empty:
-            self.close()
-            return {"failure": f"timed out after {seconds:g} s"}
         except OSError:
-            line = ""
-        if not line:
-            self.close()
-            return {"failure": _death(self._process.returncode) or "ended its process"}
-        answer: dict[str, Any] = json.loads(line)
-        return answer
+            return [self._dead()]
+        while len(found) < answers and not (found and "failure" in found[-1]):
+            found.append(self._answer())
+        return [*found, self._too_large()] if self._eats() else found
+
+    def _answer(self) -> dict[str, Any]:
+        deadline = time.monotonic() + self._limits.seconds
+        # A look at its memory takes time from it: only while it takes long, and between the turns.
+        while (left := deadline - time.monotonic()) > 0:
+            with contextlib.suppress(queue.Empty):
+                line = self._answers.get(timeout=min(_GLANCE_SECONDS, left))
+                return dict(json.loads(line)) if line else self._dead()
+            if self._eats():
+                return self._too_large()
+        return self._ended(f"timed out after {self._limits.seconds:g} s")
+
+    def _eats(self) -> bool:
+        return self.running() and _own_megabytes(self._gauge) > self._limits.megabytes
+
+    def _too_large(self) -> dict[str, Any]:
+        return self._ended(f"used more than {self._limits.megabytes:g} MB of memory")
+
+    def _ended(self, reason: str) -> dict[str, Any]:
+        self.close()
+        return {"failure": reason}
+
+    def _dead(self) -> dict[str, Any]:
+        self.close()
+        return {"failure": _death(self._process.returncode) or "ended its process"}
 
     def running(self) -> bool:
         return self._process.poll() is None
@@ -448,10 +500,11 @@ def measure_speed(
     *,
     frames: int = TIMED_UPDATES,
     warm_up: int = WARM_UP,
+    block: int = BLOCK,
     limits: Limits | None = None,
     report: Callable[[SpeedRun, bool], None],
 ) -> None:
-    """Time single updates: one thread, warm, all trackers by turns on the same frame.
+    """Time single updates: one thread, warm, all trackers by turns on the same few frames.
 
     What counts is the processor time of the tracker's process, all its threads together: on a quiet machine that is
     the time that passes, and on a busy one it does not grow with what others do. The time that passed is kept too.
@@ -463,23 +516,27 @@ def measure_speed(
         Gets one file per sequence as soon as it is measured.
     frames, warm_up : int, optional
         Timed updates per sequence, and those before them.
+    block : int, optional
+        Updates of one tracker before it is the next one's turn.
     limits : Limits, optional
-        Its seconds hold for a single update.
+        For a single update.
     report : callable
         Called with each result and whether it was reused.
     """
+    if block < 1:
+        raise ValueError(f"expected a block of at least one update, got {block}")
     limits = limits or Limits()
     versions = [code_version(tracker) for tracker in trackers]
     workers: dict[str, _LiveWorker] = {}
     try:
         for sequence in sequences:
-            parts = (_PROTOCOL, *versions, sequence.digest, str(frames), str(warm_up))
+            counts = warm_up, frames, block
+            parts = (_SPEED_PROTOCOL, *versions, sequence.digest, *map(str, counts))
             key = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
             run = _stored_speed(sequence, key, folder)
             reused = run is not None
             if run is None:
-                counts = warm_up, frames
-                run = _time_sequence(trackers, sequence, workers, key=key, counts=counts, seconds=limits.seconds)
+                run = _time_sequence(trackers, sequence, workers, key=key, counts=counts, limits=limits)
                 folder.write_speed(run)
             report(run, reused)
     finally:
@@ -498,14 +555,21 @@ def _stored_speed(sequence: Sequence, key: str, folder: Folder) -> SpeedRun | No
     return run if run.key == key else None
 
 
+def _blocks(length: int, warm_up: int, frames: int, block: int) -> list[int]:
+    """Number of updates of each turn on a sequence of `length` frames, the first of them to warm up."""
+    warm_up = min(warm_up, length - 1)
+    timed = min(frames, length - 1 - warm_up)
+    return [warm_up, *(min(block, timed - done) for done in range(0, timed, block))]
+
+
 def _time_sequence(
     trackers: list[TrackerSpec],
     sequence: Sequence,
     workers: dict[str, _LiveWorker],
     *,
     key: str,
-    counts: tuple[int, int],
-    seconds: float,
+    counts: tuple[int, int, int],
+    limits: Limits,
 ) -> SpeedRun:
     times: dict[str, list[float]] = {tracker.name: [] for tracker in trackers}
     walls: dict[str, list[float]] = {tracker.name: [] for tracker in trackers}
@@ -513,21 +577,21 @@ def _time_sequence(
     running = list(times)
     for tracker in trackers:
         if tracker.name not in workers or not workers[tracker.name].running():
-            workers[tracker.name] = _LiveWorker()
+            workers[tracker.name] = _LiveWorker(limits)
 
-    def ask(name: str, command: Mapping[str, Any]) -> dict[str, Any]:
-        answer = workers[name].ask(command, seconds)
-        if "failure" in answer:
-            status[name] = answer["failure"]
+    def ask(name: str, command: Mapping[str, Any], answers: int = 1) -> list[dict[str, Any]]:
+        found = workers[name].ask(command, answers)
+        if found and "failure" in found[-1]:
+            status[name] = found.pop()["failure"]
             running.remove(name)
-        return answer
+        return found
 
     for tracker in trackers:
         ask(tracker.name, _open_command(Job(tracker, sequence)))
-    for frame in range(1, min(sum(counts) + 1, len(sequence))):
+    for turn, updates in enumerate(_blocks(len(sequence), *counts)):
         for name in list(running):
-            answer = ask(name, {"do": "update", "count": 1, "timed": True})
-            if frame > counts[0] and "cpu_ms" in answer:
-                times[name].append(round(answer["cpu_ms"], 4))
-                walls[name].append(round(answer["wall_ms"], 4))
-    return SpeedRun(key, sequence.name, times, walls, status, provenance())
+            answers = ask(name, {"do": "update", "count": updates, "timed": True}, updates)
+            if turn > 0:
+                times[name] += [round(answer["cpu_ms"], 4) for answer in answers]
+                walls[name] += [round(answer["wall_ms"], 4) for answer in answers]
+    return SpeedRun(key, sequence.name, times, walls, status, {**provenance(), "block": counts[2]})

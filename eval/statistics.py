@@ -19,6 +19,7 @@ __all__ = [
     "calibration",
     "curves",
     "differences",
+    "median_known",
     "overall",
     "per_attribute",
     "per_sequence",
@@ -26,6 +27,7 @@ __all__ = [
     "score_frames",
     "score_table",
     "speed_table",
+    "wilson_interval",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -234,8 +236,9 @@ def score_before_loss(scored: Iterable[ScoredRun], *, before: int = 20, after: i
 
     Returns
     -------
-    dict of str to ndarray, shape (before + after + 1,)
-        Median over first losses, for frames −`before` … `after`; only for trackers that give a score and lose.
+    dict of str to ndarray, shape (L, before + after + 1)
+        One row per run, round its first loss, for frames −`before` … `after`, NaN where there is no score; only for
+        trackers that give a score and lose.
     """
     gathered: dict[str, list[FloatArray]] = {}
     for item in scored:
@@ -246,15 +249,30 @@ def score_before_loss(scored: Iterable[ScoredRun], *, before: int = 20, after: i
         frame = int(np.argmax(gone))
         padded = np.concatenate([np.full(before, np.nan), score, np.full(after + 1, np.nan)])
         gathered.setdefault(item.run.tracker, []).append(padded[frame : frame + before + after + 1])
-    return {tracker: _median_known(np.stack(rows)) for tracker, rows in gathered.items()}
+    return {tracker: np.stack(rows) for tracker, rows in gathered.items()}
 
 
-def _median_known(rows: FloatArray) -> FloatArray:
+def median_known(rows: FloatArray) -> FloatArray:
+    """Median of each column over what is known of it; NaN where nothing is."""
     known = np.isfinite(rows)
     columns = [
         np.median(column[seen]) if seen.any() else np.nan for column, seen in zip(rows.T, known.T, strict=True)
     ]
     return np.array(columns)
+
+
+def wilson_interval(share: FloatArray, count: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """95 % interval of a share, by Wilson's formula: it holds for few frames, and for shares of 0 and 1, too.
+
+    Parameters
+    ----------
+    share, count : ndarray
+        Share found, and among how many.
+    """
+    z = 1.96
+    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
+    half = z * np.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2) / (1 + z**2 / count)
+    return middle - half, middle + half
 
 
 def speed_table(runs: Iterable[SpeedRun]) -> pd.DataFrame:

@@ -29,6 +29,7 @@ __all__ = [
     "console_table",
     "format_cell",
     "overall_table",
+    "speed_overall_text",
     "summarise_folder",
     "write_table",
     "write_tables",
@@ -107,15 +108,18 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
 
 
 def _with_speed(table: pd.DataFrame, speed: pd.DataFrame) -> pd.DataFrame:
-    """Add frames per second, p95 and the ratio to the rival: medians over sequences, and the least ratio."""
+    return table.join(_speed_by_tracker(speed), on="tracker")
+
+
+def _speed_by_tracker(speed: pd.DataFrame) -> pd.DataFrame:
+    """Frames per second, p95 and the ratio to the rival: medians over sequences, and the least ratio."""
     medians = speed.pivot(index="sequence", columns="tracker", values="median")
     tails = speed.pivot(index="sequence", columns="tracker", values="p95")
     rival = medians[SPEED_RIVAL] if SPEED_RIVAL in medians else pd.Series(np.nan, index=medians.index)
     ratios = medians.rdiv(rival, axis=0)
-    by_tracker = pd.DataFrame(
+    return pd.DataFrame(
         {"fps": 1000.0 / medians.median(), "p95_ms": tails.median(), "ratio": ratios.median(), "least": ratios.min()}
     )
-    return table.join(by_tracker, on="tracker")
 
 
 _EXTRA_TITLES = {
@@ -171,6 +175,14 @@ def speed_text(runs: list[SpeedRun]) -> pd.DataFrame:
     wide = speed_table(runs).pivot(index="sequence", columns="tracker", values="median")
     wide = wide[wide.median().sort_values().index].reindex([run.sequence for run in runs])
     return _as_text(wide.rename_axis(columns=None).reset_index())
+
+
+def speed_overall_text(runs: list[SpeedRun]) -> pd.DataFrame:
+    """Speed as text, one row per tracker, the fastest first."""
+    table = _speed_by_tracker(speed_table(runs)).sort_values("fps", ascending=False)
+    names = ("fps", "p95_ms", "ratio", "least")
+    texts = {_EXTRA_TITLES[name]: [format_cell(value, name) for value in table[name]] for name in names}
+    return pd.DataFrame({"tracker": table.index, **texts})
 
 
 def attribute_table(summary: Summary) -> pd.DataFrame:

@@ -30,7 +30,10 @@ from numpy.typing import NDArray
 
 from .framesource import FrameSource, FrameSourceError
 
-__all__ = ["main", "resolve"]
+__all__ = ["UNWRITTEN", "main", "resolve"]
+
+UNWRITTEN = 74
+"""Exit code of a worker whose records cannot be written (EX_IOERR of sysexits.h): not its tracker's fault."""
 
 
 def resolve(reference: str) -> Any:
@@ -125,8 +128,12 @@ def main() -> None:
     np.seterr(all="ignore")
 
     def write(record: Mapping[str, Any]) -> None:
-        output.write(json.dumps(record) + "\n")
-        output.flush()
+        try:
+            output.write(json.dumps(record) + "\n")
+            output.flush()
+        except OSError:
+            # At once: Python would try to write it again on its way out.
+            os._exit(UNWRITTEN)
 
     _obey(iter(sys.stdin.readline, ""), write)
 

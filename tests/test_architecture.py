@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -51,3 +52,18 @@ def test_every_public_name_exists() -> None:
         assert getattr(hs_tracker_cv, name) is not None
     with pytest.raises(AttributeError, match="Tracker9"):
         _ = hs_tracker_cv.Tracker9
+
+
+def test_both_versions_of_opencv_are_tested() -> None:
+    """`make test-matrix` runs the tests in an environment of each, and continuous integration runs that."""
+    if shutil.which("make") is None:
+        pytest.skip("no make on this machine")
+    answer = subprocess.run(["make", "-n", "test-matrix"], capture_output=True, text=True, check=True, cwd=ROOT)
+    for version in ("4", "5"):
+        assert f".venv-cv{version}/bin/python -m pytest" in answer.stdout
+        assert f".venv-cv{version}/bin/python -m eval check" in answer.stdout
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert [f"OPENCV{version} := opencv-contrib-python-headless~={version}." in makefile for version in "45"] == [
+        True
+    ] * 2
+    assert "\nmake test-matrix\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")

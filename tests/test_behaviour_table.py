@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import time
+from pathlib import Path
 
 import pytest
 
@@ -92,3 +93,15 @@ def test_the_table_is_markdown() -> None:
     lines = markdown(table).splitlines()
     assert len(lines) == len(CASES) + 2
     assert {line.count("|") for line in lines} == {len(TRACKERS) + 2}
+
+
+def test_readme_has_the_table_that_is_tested() -> None:
+    """Every case is a row of README, and its last column says what the tests hold TrackerHS to."""
+    readme = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
+    head = f"| case | {' | '.join(TRACKERS)} |"
+    assert head in readme
+    rows = [line.strip("| ").split(" | ") for line in readme.partition(head)[2].splitlines()[2 : 2 + len(CASES)]]
+    assert [row[0] for row in rows] == list(CASES)
+    assert {len(row) for row in rows} == {len(TRACKERS) + 1}
+    wrong = {case: shown for case, *_, shown in rows if shown != GOOD[case] and not re.fullmatch(GOOD[case], shown)}
+    assert not wrong

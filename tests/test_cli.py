@@ -52,6 +52,13 @@ def _box(row: dict[str, str]) -> Box:
     return Box(*(float(row[name]) for name in ("x", "y", "w", "h")))
 
 
+def _alone(here: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """The command in a process of its own, with all that the libraries below it print."""
+    command = [sys.executable, "-m", "hs_tracker_cv", *arguments]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("OPENCV_")}
+    return subprocess.run(command, cwd=here, env=environment, capture_output=True, text=True, timeout=300)
+
+
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty working directory."""
@@ -152,18 +159,102 @@ def test_a_fault_is_one_line_and_a_code(
     assert message in lines[0]
 
 
-def test_a_truncated_video_keeps_the_boxes_so_far(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The frames that can be decoded are followed and written; then one line and exit code 1."""
-    data = _write(here / "whole.avi", _square(30)[0]).read_bytes()
-    (here / "half.avi").write_bytes(data[: len(data) // 2])
-    assert cli.main(["half.avi", "--roi", "40,40,36,36"]) == 1
+@pytest.mark.parametrize("suffix", ["avi", "mkv"])
+def test_a_truncated_video_keeps_the_boxes_so_far(suffix: str, here: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The frames that can be decoded are followed and written; then one line, whatever the codec has to say."""
+    data = _write(here / f"whole.{suffix}", _square(30)[0]).read_bytes()
+    (here / f"half.{suffix}").write_bytes(data[: len(data) // 2])
+    said = _alone(here, f"half.{suffix}", "--roi", "40,40,36,36")
+    assert said.returncode == 1
     rows = _rows(here / "half.hs.csv")
     assert 5 < len(rows) < 25
     assert all(row["ok"] == "1" for row in rows)
     assert len(list(open_source(here / "half.hs.webm").frames)) == len(rows)
-    said = capsys.readouterr()
-    assert "half.avi: ends after" in said.err
-    assert "wrote half.hs.webm, half.hs.csv" in said.out
+    assert said.stderr.startswith(f"hs-track: half.{suffix}: ends after")
+    assert said.stderr.count("\n") == 1
+    assert "wrote half.hs.webm, half.hs.csv" in said.stdout
+
+
+def _unusable(here: Path) -> dict[str, str]:
+    """Sources of every kind that gives no frame: path and what must be said of it."""
+    whole = _write(here / "whole.avi", _square(3)[0]).read_bytes()
+    header = _write(here / "whole.mkv", _square(3)[0]).read_bytes()[:600]
+    (here / "codec.avi").write_bytes(whole.replace(b"FFV1", b"QQ7Z"))
+    (here / "header.mkv").write_bytes(header)
+    (here / "empty.avi").touch()
+    (here / "folder").mkdir()
+    (here / "images").mkdir()
+    (here / "images" / "0.png").write_bytes(b"no picture")
+    (here / "circle.avi").symlink_to("circle.avi")
+    return {
+        "codec.avi": "codec.avi: ",
+        "header.mkv": "header.mkv: ",
+        "empty.avi": "empty.avi: is an empty file",
+        "folder": "folder: holds no image",
+        "images": f"images{os.sep}0.png: is not an image that OpenCV can decode",
+        "circle.avi": "circle.avi: cannot be read (Too many levels of symbolic links)",
+    }
+
+
+@pytest.mark.parametrize("name", ["codec.avi", "header.mkv", "empty.avi", "folder", "images", "circle.avi"])
+def test_a_source_without_a_frame_is_one_line(name: str, here: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Unknown codec, no frames, no images, not readable: one line, exit code 1, and no files."""
+    message = _unusable(here)[name]
+    assert cli.main([name, "--roi", "40,40,36,36"]) == 1
+    said = capfd.readouterr()
+    assert said.err.startswith(f"hs-track: {message}")
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+    assert not list(here.glob("*.hs.*"))
+
+
+def test_a_source_that_may_not_be_read_is_one_line(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The reason of the operating system is in the line."""
+    _write(here / "in.mkv", _square(3)[0])
+
+    def denied(self: Path, *arguments: Any, **options: Any) -> Any:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", denied)
+        assert cli.main(["in.mkv", "--roi", "40,40,36,36"]) == 1
+    assert capfd.readouterr().err == "hs-track: in.mkv: cannot be read (Permission denied)\n"
+
+
+def test_a_broken_image_keeps_the_boxes_so_far(here: Path) -> None:
+    """The image that cannot be decoded is named, the rows and frames before it stay."""
+    (here / "set").mkdir()
+    for index, frame in enumerate(_square(6)[0]):
+        cv2.imwrite(str(here / "set" / f"{index}.png"), frame)
+    data = (here / "set" / "3.png").read_bytes()
+    (here / "set" / "3.png").write_bytes(data[:40])
+    said = _alone(here, "set", "--roi", "40,40,36,36")
+    assert said.returncode == 1
+    assert len(_rows(here / "set.hs.csv")) == 3
+    assert len(list(open_source(here / "set.hs.webm").frames)) == 3
+    assert said.stderr == f"hs-track: set{os.sep}3.png: is not an image that OpenCV can decode\n"
+
+
+def test_a_run_that_is_killed_has_written_its_boxes(here: Path) -> None:
+    """Each row is on the disk before the next frame is looked at: kill -9 loses none of them."""
+    _write(here / "in.mkv", _square()[0])
+    code = """
+import os, signal, sys
+from hs_tracker_cv import cli
+steps = cli.steps
+def killed(*arguments, **options):
+    for step in steps(*arguments, **options):
+        yield step
+        if step.index == 5:
+            os.kill(os.getpid(), signal.SIGKILL)
+cli.steps = killed
+cli.main(sys.argv[1:])
+"""
+    done = subprocess.run([sys.executable, "-c", code, "in.mkv", "--roi", "40,40,36,36"], cwd=here, timeout=300)
+    assert done.returncode == -9
+    assert [int(row["frame"]) for row in _rows(here / "in.hs.csv")] == list(range(6))
 
 
 def test_images_of_differing_sizes_keep_the_boxes_so_far(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

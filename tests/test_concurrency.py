@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import sys
+import threading
+import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hs_tracker_cv import TrackerHS_create, TrackerHS_Params
+from hs_tracker_cv.patches import misfit
 from tests.conftest import moving_square
 
 TRACKERS = 8
@@ -81,6 +85,36 @@ def test_eight_threads_equal_eight_runs_in_sequence() -> None:
     jobs = [work(number) for number in range(TRACKERS)]
     alone = [follow(job) for job in jobs]
     assert in_threads([lambda job=job: follow(job) for job in jobs]) == alone
+
+
+def test_kernels_release_the_gil() -> None:
+    """Another thread runs while a kernel does, in an interpreter that takes the GIL from nobody."""
+    flow, motion, square = np.zeros((1500, 1500, 2), np.float32), np.zeros(6), np.zeros((1500, 1500), np.float32)
+    misfit(flow, motion, square)
+    inside, seen = threading.Event(), threading.Event()
+
+    def work() -> None:
+        for _ in range(500):
+            inside.set()
+            misfit(flow, motion, square)
+            inside.clear()
+            if seen.is_set():
+                return
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1000.0)
+    try:
+        worker = threading.Thread(target=work)
+        worker.start()
+        while worker.is_alive() and not seen.is_set():
+            # Having slept, this thread goes on only where the other lets go of the GIL: in a kernel, or at its end.
+            time.sleep(0.0005)
+            if inside.is_set():
+                seen.set()
+        worker.join()
+    finally:
+        sys.setswitchinterval(before)
+    assert seen.is_set()
 
 
 def test_one_tracker_may_be_handed_from_thread_to_thread() -> None:

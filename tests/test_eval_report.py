@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,12 +14,23 @@ import pytest
 
 from eval.__main__ import COMMANDS, main
 from eval.framesource import FrameSource
+from eval.plots import before_loss_plot
 from eval.regression import compare, update
 from eval.report import write_report
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory
 from eval.sequences import Sequence
-from eval.statistics import bootstrap_interval, differences, overall, per_attribute, speed_table
-from eval.tables import Summary, overall_table, sequence_table, summarise_folder, write_tables
+from eval.statistics import (
+    bootstrap_interval,
+    differences,
+    median_known,
+    overall,
+    per_attribute,
+    score_before_loss,
+    score_frames,
+    speed_table,
+    wilson_interval,
+)
+from eval.tables import Summary, overall_table, sequence_table, speed_overall_text, summarise_folder, write_tables
 
 COUNT, SIZE = 20, (96, 72)
 STAMP = {
@@ -183,6 +195,14 @@ def test_speed_is_summed_up_by_median_and_tail() -> None:
     assert table["p95"].iloc[0] == pytest.approx(np.percentile(times, 95))
 
 
+def test_speed_per_tracker_is_told_against_the_rival() -> None:
+    """Frames per second and the ratio to CSRT are medians over sequences, the least ratio is the least."""
+    times = {"x": (1.0, 5.0), "y": (2.0, 4.0), "z": (4.0, 36.0)}
+    runs = [SpeedRun("k", name, {"A": [own], "CSRT": [rival]}, {}, {}) for name, (own, rival) in times.items()]
+    table = speed_overall_text([replace(run, wall=run.milliseconds) for run in runs])
+    assert table.to_numpy().tolist() == [["A", "500", "2.00", "5.0", "2.0"], ["CSRT", "200", "5.00", "1.0", "1.0"]]
+
+
 def test_tables_are_written_in_three_formats(summary: Summary, tmp_path: Path) -> None:
     """CSV can be read back with all digits, Markdown and LaTeX hold the same rows, with their signs escaped."""
     paths = {path.name: path for path in write_tables(summary, tmp_path / "tables")}
@@ -225,7 +245,44 @@ def test_the_report_is_one_file_with_everything(summary: Summary, folder: Folder
     assert "crashed (SIGSEGV) at frame 3" in page.text
     assert "Frame 0 is given to the tracker and is not scored." in page.text
     assert "c0de" in page.text
+    assert "m, Python 3.11, OpenCV 4.13, commit abc." in page.text
+    scoring = page.text.partition("How it is scored")[2].partition("Where the figures")[0]
+    assert "It is invisible when nothing can be seen" in scoring
+    assert not re.search(r"[*`]|:data:", scoring)
     assert not re.search(r"\bnan\b", page.text)
+
+
+def test_results_of_mixed_origin_are_said(summary: Summary, folder: Folder, tmp_path: Path) -> None:
+    """What differs between trackers is a column, and both origins of one tracker stand in its cell."""
+    run = summary.scored[0].run
+    folder.write_run(replace(run, provenance={**run.provenance, "opencv": "5.0"}))
+    write_report(summarise_folder(folder, chosen="Near"), folder, tmp_path / "report.html", videos=0)
+    page = _Page()
+    page.feed((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "m, Python 3.11, commit abc." in page.text
+    assert "5.0, 4.13" in page.text or "4.13, 5.0" in page.text
+
+
+def test_the_score_round_a_loss_has_a_row_per_sequence(tmp_path: Path) -> None:
+    """Each row is the score round the first frame without the target; the plot shows every row and their median."""
+    sequences = [make_sequence(tmp_path, name, ()) for name in ("one", "two")]
+    runs = [make_run("A", sequence, 0.0) for sequence in sequences]
+    runs[1].trajectory.score[:] /= 2
+    rounds = score_before_loss(score_frames(runs, sequences), before=5, after=3)["A"]
+    # Visible up to frame 17; frame 0 is not scored.
+    expected = np.append(np.linspace(1.0, 0.0, COUNT)[13:20], [np.nan] * 2)
+    np.testing.assert_allclose(rounds, [expected, expected / 2])
+    np.testing.assert_allclose(median_known(rounds)[:3], 0.75 * expected[:3])
+    svg = before_loss_plot({"A": rounds}, "A", before=5)
+    assert "A, 2 losses" in svg
+    assert svg != before_loss_plot({"A": rounds[:1]}, "A", before=5)
+
+
+def test_the_interval_of_a_share_is_wilsons() -> None:
+    """Against values from a table of the formula; one frame says next to nothing, and no end leaves 0 to 1."""
+    low, high = wilson_interval(np.array([0.5, 1.0, 0.0, 0.9]), np.array([10.0, 1.0, 1.0, 1000.0]))
+    np.testing.assert_allclose(low, [0.2366, 0.2065, 0.0, 0.8798], atol=1e-3)
+    np.testing.assert_allclose(high, [0.7634, 1.0, 0.7935, 0.9171], atol=1e-3)
 
 
 def test_the_report_does_without_frames_speed_and_scores(folder: Folder, tmp_path: Path) -> None:
@@ -305,7 +362,7 @@ def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> No
     assert all(name in listed for name in COMMANDS)
     assert main(["nonsense"]) == 2
     assert "unknown command 'nonsense'" in capsys.readouterr().err
-    for name in ("run", "speed", "report", "check", "bench"):
+    for name in COMMANDS:
         with pytest.raises(SystemExit) as ended:
             main([name, "--help"])
         assert ended.value.code == 0
@@ -321,7 +378,7 @@ def test_the_whole_way_from_the_command_line(tmp_path: Path, capsys: pytest.Capt
     (images.parent / "groundtruth_rect.txt").write_text("\n".join(lines))
     common = ["--dataset", f"otb:{tmp_path / 'data'}", "--out", str(tmp_path / "out")]
     assert main(["run", *common, "--trackers", "Static", "Oracle", "--starts", "2"]) == 0
-    assert main(["speed", *common, "--trackers", "Static", "--frames", "2"]) == 0
+    assert main(["speed", *common, "--trackers", "Static", "CSRT", "--frames", "2", "--block", "1"]) == 0
     assert main(["report", "--out", str(tmp_path / "out"), "--chosen", "Oracle"]) == 0
     printed = capsys.readouterr().out
     assert "mean IoU per sequence of otb:" in printed
@@ -344,3 +401,35 @@ def test_errors_are_one_line(arguments: list[str], message: str, capsys: pytest.
     """No traceback: what was wrong, and what is known."""
     assert main(arguments) == 1
     assert capsys.readouterr().err.startswith(message)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"sequences": 5}', "\x00\x01"])
+@pytest.mark.parametrize("name", ["run.json", "sequences/one.json", "tracks/Exact/one.s0r0.json", "speed/one.json"])
+def test_a_damaged_file_of_any_kind_is_one_clear_line(
+    name: str, content: str, folder: Folder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The report names the file and what to do, makes no table of what is left, and ends with 1."""
+    path = folder.path / name
+    assert path.is_file(), sorted(folder.path.rglob("*.json"))
+    path.write_text(content)
+    assert main(["report", "--out", str(folder.path.parent), "--only", folder.path.name]) == 1
+    said = capsys.readouterr()
+    assert said.err.startswith(f"error: {path} is damaged (")
+    assert "delete it and run again" in said.err
+    assert said.err.count("\n") == 1
+    assert not (folder.path / "tables").exists()
+
+
+def test_a_full_disk_at_the_end_is_one_clear_line(
+    folder: Folder, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tables and report that cannot be written are named with the reason."""
+
+    def full(self: Path, *arguments: object, **options: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    assert main(["report", "--out", str(folder.path.parent), "--only", folder.path.name]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: cannot write ")
+    assert said.endswith(": No space left on device\n")

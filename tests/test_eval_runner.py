@@ -10,12 +10,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import IO
 
 import cv2
 import numpy as np
 import pytest
 
+from eval import runner
 from eval.metrics import frame_scores, summarise
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun
 from eval.runner import Job, Limits, make_jobs, measure_speed, run_jobs, run_one, start_box
@@ -58,6 +61,7 @@ Outside = bad("Outside", lambda self: (True, (5000, 5000, 5, 5)))
 Flat = bad("Flat", lambda self: (True, (5, 5, 0, 5)))
 Memory = bad("Memory", _fill)
 Leave = bad("Leave", lambda self: os._exit(3))
+LeaveFull = bad("LeaveFull", lambda self: os._exit(74))
 Quit = bad("Quit", lambda self: sys.exit(0))
 Nonsense = bad("Nonsense", lambda self: None)
 Chatty = bad("Chatty", lambda self: (print("{", flush=True), (True, self.box))[1])
@@ -78,6 +82,28 @@ class Witness(Base):
     def update(self, image):
         ints = all(type(v) is int for v in self.box)
         return True, (float(image.mean()), 1.0 + ints, image.shape[0], image.shape[1])
+
+class Patient(Base):
+    """Hangs as long as a file is there."""
+    def update(self, image):
+        while os.path.exists(os.environ["HANG_WHILE"]):
+            time.sleep(0.02)
+        return True, self.box
+
+class Glutton(Base):
+    """Takes a little more with each update, and never a rest."""
+    held = []
+    def update(self, image):
+        self.held.append(np.ones(10_000_000))
+        return True, self.box
+
+class Diary(Base):
+    """Writes down whose turn it is, for which frame."""
+    def update(self, image):
+        self.frame += 1
+        with open(self.params["path"], "a") as diary:
+            diary.write(f"{self.params['label']}{self.frame} ")
+        return True, self.box
 
 class Scoring(Base):
     def update(self, image):
@@ -236,8 +262,6 @@ def test_start_boxes_are_perturbed_alike_for_all_and_stay_inside(sequence: Seque
 
 def test_a_start_box_is_cut_by_the_frame(sequence: Sequence) -> None:
     """cv2's MIL and KCF die of a box that reaches outside: nobody gets one."""
-    from dataclasses import replace
-
     boxes = sequence.boxes.copy()
     boxes[0] = (-8.0, 40.0, 20.0, 30.0)
     assert start_box(replace(sequence, boxes=boxes), 0) == (0, 40, 12, 8)
@@ -319,14 +343,54 @@ def test_a_full_disk_is_a_clear_message(
     assert [path.name for path in (tmp_path / "results").rglob("*.*")] == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_run_goes_on(
-    number: signal.Signals, bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+def test_a_full_disk_for_the_records_is_no_trackers_fault(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ctrl-C or kill ends the command soon, records nothing false, and what was finished is stored."""
+    """A worker that cannot write what its tracker answers ends the run with a clear message, and marks no row."""
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full on this system")
+    spawn = runner._spawn
+
+    def onto_a_full_disk(stdin: IO[str], stdout: IO[str], stderr: IO[str]) -> subprocess.Popen[str]:
+        with open("/dev/full", "w") as full:
+            return spawn(stdin, full, stderr)
+
+    def no_room(self: Path, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    folder = Folder(tmp_path / "results")
+    monkeypatch.setattr(runner, "_spawn", onto_a_full_disk)
+    monkeypatch.setattr(Path, "write_bytes", no_room)
+    with pytest.raises(ResultsError, match=r"cannot write to .*: No space left on device"):
+        run_jobs(make_jobs([bad("Fine")], [sequence]), folder, workers=1, report=collect([]))
+    assert not list((tmp_path / "results").rglob("*.json"))
+
+
+def test_a_tracker_that_leaves_with_the_workers_own_code_costs_its_row(
+    bad: Callable[..., TrackerSpec], sequence: Sequence
+) -> None:
+    """Where there is room on the disk, an exit code is the tracker's."""
+    assert run_one(Job(bad("LeaveFull"), sequence)).status == "ended its process with code 74 at frame 3"
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "said"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 130, "interrupted"), (signal.SIGKILL, -9, "")],
+)
+def test_an_interrupted_run_goes_on(
+    number: signal.Signals,
+    code: int,
+    said: str,
+    bad: Callable[..., TrackerSpec],
+    sequence: Sequence,
+    tmp_path: Path,
+) -> None:
+    """Ctrl-C, kill, even kill -9: what was finished is stored and not run again, and the rest is run then."""
+    flag = tmp_path / "flag"
+    flag.touch()
     command = [sys.executable, "-m", "eval", "run", "--dataset", f"otb:{tmp_path / 'data'}", "--out", str(tmp_path)]
-    command += ["--trackers", "bad_trackers:Fine", "bad_trackers:Hang"]
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    command += ["--trackers", "bad_trackers:Fine", "bad_trackers:Patient"]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "HANG_WHILE": str(flag)}
     # A shell's background job ignores Ctrl-C and would hand that down to the command.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
@@ -340,9 +404,19 @@ def test_an_interrupted_run_goes_on(
         _, message = process.communicate(timeout=60.0)
     finally:
         process.kill()
-    assert process.returncode == 130
-    assert "interrupted" in message
-    assert [path.parent.name for path in stored.glob("*/*.json")] == ["bad_trackers_Fine"]
+    assert process.returncode == code
+    assert said in message
+    (finished,) = stored.glob("*/*.json")
+    assert finished.parent.name == "bad_trackers_Fine"
+    written = finished.stat().st_mtime_ns
+    flag.unlink()
+    subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True, timeout=120)
+    assert finished.stat().st_mtime_ns == written
+    folder = Folder(tmp_path / "otb-data")
+    assert {run.tracker: run.status for run in folder.read_runs()} == {
+        "bad_trackers:Fine": COMPLETED,
+        "bad_trackers:Patient": COMPLETED,
+    }
 
 
 def test_a_cancelled_job_is_not_recorded(bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path) -> None:
@@ -393,7 +467,7 @@ def test_speed_is_measured_side_by_side_and_survives(
 ) -> None:
     """Each tracker gets its times; one that dies is marked and the others go on; the second call measures nothing."""
     folder = Folder(tmp_path / "results")
-    specs = [bad(name) for name in ("Fine", "Segfault", "Raise", "Hang", "FailingInit")]
+    specs = [bad(name) for name in ("Fine", "Segfault", "Raise", "Hang", "FailingInit", "Memory", "Glutton")]
     found: list[tuple[SpeedRun, bool]] = []
     for _ in range(2):
         measure_speed(
@@ -402,7 +476,7 @@ def test_speed_is_measured_side_by_side_and_survives(
             folder,
             frames=4,
             warm_up=1,
-            limits=Limits(seconds=6.0),
+            limits=Limits(seconds=6.0, megabytes=300.0),
             report=lambda run, reused: found.append((run, reused)),
         )
     (first, reused), (_, again) = found
@@ -413,10 +487,58 @@ def test_speed_is_measured_side_by_side_and_survives(
         "Raise": 1,
         "Hang": 1,
         "FailingInit": 0,
+        "Memory": 1,
+        "Glutton": 4,
     }
     assert all(value >= 0 for value in first.milliseconds["Fine"])
     assert first.status["Fine"] == COMPLETED
     assert first.status["Segfault"] == "crashed (SIGSEGV)"
     assert first.status["Raise"].startswith("raised RuntimeError")
     assert first.status["Hang"] == "timed out after 6 s"
+    assert first.status["Memory"] == first.status["Glutton"] == "used more than 300 MB of memory"
     assert json.loads(folder.speed_path("tiny").read_text())["provenance"]["opencv"] == cv2.__version__
+
+
+@pytest.mark.parametrize(
+    ("block", "turns"),
+    [
+        (1, "a1 b1 a2 b2 a3 b3 a4 b4 a5 b5"),
+        (3, "a1 b1 a2 a3 a4 b2 b3 b4 a5 b5"),
+        (9, "a1 b1 a2 a3 a4 a5 b2 b3 b4 b5"),
+    ],
+)
+def test_trackers_take_turns_of_a_block_of_updates(
+    block: int, turns: str, bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """After the updates to warm up, each has its few frames before the next one has the same; none is left out."""
+    diary = tmp_path / "diary"
+    specs = [replace(bad("Diary", label=name, path=str(diary)), name=name) for name in "ab"]
+    found: list[SpeedRun] = []
+    measure_speed(
+        specs,
+        [sequence],
+        Folder(tmp_path / "results"),
+        frames=40,
+        warm_up=1,
+        block=block,
+        report=lambda run, reused: found.append(run),
+    )
+    assert diary.read_text().split() == turns.split()
+    assert [len(times) for times in found[0].milliseconds.values()] == [4, 4]
+    assert found[0].provenance["block"] == block
+
+
+def test_times_of_another_protocol_are_not_reused(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """Turns of another length are another measurement, and take the place of the stored one."""
+    folder, reused = Folder(tmp_path / "results"), []
+    for block in (2, 1, 1, 2):
+        measure_speed([bad("Fine")], [sequence], folder, block=block, report=lambda run, again: reused.append(again))
+    assert reused == [False, False, True, False]
+
+
+def test_a_turn_without_updates_is_refused(sequence: Sequence, tmp_path: Path) -> None:
+    """The error says what was asked for."""
+    with pytest.raises(ValueError, match="at least one update, got 0"):
+        measure_speed([], [sequence], Folder(tmp_path), block=0, report=lambda run, reused: None)

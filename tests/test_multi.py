@@ -46,3 +46,43 @@ def test_unknown_ids_are_named() -> None:
     """Removing twice is a KeyError that lists the ids."""
     with pytest.raises(KeyError, match="no object 5"):
         MultiTrackerHS_create().remove(5)
+
+
+def test_a_lost_object_is_a_row_of_zeros_and_the_others_go_on() -> None:
+    """One object that is gone makes ok False and leaves the other box where it is; ids may be removed then."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    x, y, w, h = boxes[-1]
+    multi = MultiTrackerHS_create()
+    still = multi.add(TrackerHS_create(), frames[-1], (100, 80, 30, 30))
+    gone = multi.add(TrackerHS_create(), frames[-1], boxes[-1])
+    empty = frames[-1].copy()
+    empty[y : y + h, x : x + w] = frames[0][y : y + h, x : x + w]
+    empty[y : y + 20, x : x + 20] = empty[90:110, 5:25]
+    rng = np.random.default_rng(4)
+    for _ in range(30):
+        noisy = np.clip(empty + rng.normal(0, 1.0, empty.shape), 0, 255).astype(np.uint8)
+        ok, answers = multi.update(noisy)
+    assert not ok
+    assert answers[1].tolist() == [0, 0, 0, 0]
+    np.testing.assert_allclose(answers[0], (100, 80, 30, 30), atol=3)
+    multi.remove(gone)
+    assert multi.update(noisy)[0]
+    assert list(multi.objects) == [still]
+
+
+@pytest.mark.parametrize("bad", [np.zeros((60, 80, 3), np.uint8), np.zeros((120, 160), np.uint8), "frame"])
+def test_a_frame_of_another_video_changes_nothing(bad: object) -> None:
+    """The error of update comes through; all objects are tracked on as if the frame had not come."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multis = [MultiTrackerHS_create(), MultiTrackerHS_create()]
+    for multi in multis:
+        multi.add(TrackerHS_create(), frames[0], boxes[0])
+        multi.add(TrackerHS_create(), frames[0], (100, 80, 30, 30))
+        multi.update(frames[1])
+    with pytest.raises(InputError, match="expected"):
+        multis[0].update(bad)
+    assert not multis[0].update(None)[0]
+    for frame in frames[2:6]:
+        (ok, answers), (expected, boxes_of_all) = (multi.update(frame) for multi in multis)
+        assert ok == expected
+        np.testing.assert_array_equal(answers, boxes_of_all)

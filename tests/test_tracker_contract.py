@@ -88,10 +88,29 @@ def test_rois_of_every_kind_start_the_same_track(
 def test_bad_rois_raise_and_leave_the_tracker_uninitialised(video: tuple[Frames, Boxes], roi: Any) -> None:
     """A failed init is an exception, then `update` says so instead of crashing, then init works."""
     tracker = started(video)
-    with pytest.raises(InputError, match="boundingBox"):
+    with pytest.raises(InputError, match="boundingBox") as refused:
         tracker.init(video[0][0], roi)
+    assert repr(roi) in str(refused.value)
+    assert isinstance(refused.value, cv2.error)
+    assert isinstance(refused.value, ValueError)
+    assert (tracker.state, tracker.box, tracker.getTrackingScore()) == ("uninitialised", None, 0.0)
     with pytest.raises(InputError, match="init"):
         tracker.update(video[0][1])
+    tracker.init(video[0][0], video[1][0])
+    assert tracker.update(video[0][1])[0] is True
+
+
+@pytest.mark.parametrize(
+    "image", [None, "frame.png", np.zeros((0, 0, 3), np.uint8), np.zeros((9, 9, 2), np.uint8), np.zeros((9, 9), int)]
+)
+def test_bad_images_at_init_raise_and_leave_the_tracker_uninitialised(
+    video: tuple[Frames, Boxes], image: Any
+) -> None:
+    """A frame that is none starts nothing, ends what was tracked, and the next init works."""
+    tracker = started(video)
+    with pytest.raises(InputError, match="expected"):
+        tracker.init(image, video[1][0])
+    assert (tracker.state, tracker.box, tracker.getTrackingScore()) == ("uninitialised", None, 0.0)
     tracker.init(video[0][0], video[1][0])
     assert tracker.update(video[0][1])[0] is True
 
@@ -154,6 +173,8 @@ def test_garbage_mid_track_raises_and_the_track_goes_on(video: tuple[Frames, Box
         pytest.param(lambda f: np.repeat(f, 2, axis=1)[:, ::2], id="strided"),
         pytest.param(lambda f: np.dstack([f, np.full(f.shape[:2], 9, np.uint8)]), id="bgra"),
         pytest.param(lambda f: cv2.UMat(f), id="umat"),
+        pytest.param(lambda f: np.ascontiguousarray(f[:, :, ::-1])[:, :, ::-1], id="reversed-channels"),
+        pytest.param(lambda f: np.pad(f, ((3, 4), (5, 6), (0, 0)))[3:-4, 5:-6], id="part-of-a-larger-frame"),
     ],
 )
 def test_layouts_give_identical_boxes(video: tuple[Frames, Boxes], convert: Callable[[Any], Any]) -> None:
@@ -261,6 +282,43 @@ def test_score_state_box_and_debug(video: tuple[Frames, Boxes]) -> None:
     assert debug.mask is None or debug.mask.shape == (height, width)
 
 
+def test_debug_shows_what_the_last_update_saw(video: tuple[Frames, Boxes]) -> None:
+    """Window, derivatives, flow and mask are those of the last two frames: the paper's signs, the object's motion."""
+    tracker = started(video, mode="layers")
+    run(tracker, video[0][1:6])
+    debug, (x, y, w, h) = tracker.debug(), video[1][5]
+    assert debug.mask is not None
+    np.testing.assert_allclose(debug.Ft.mean(), (debug.current - debug.previous).mean(), atol=0.05)
+    rows, columns = np.nonzero(debug.mask)
+    assert debug.window.x + (columns.mean() + 0.5) * debug.step == pytest.approx(x + w / 2, abs=1.5)
+    assert debug.window.y + (rows.mean() + 0.5) * debug.step == pytest.approx(y + h / 2, abs=1.5)
+    np.testing.assert_allclose(np.median(debug.flow[debug.mask], axis=0) * debug.step, (2.0, 1.0), atol=0.1)
+    along = -debug.Ft / np.maximum(np.hypot(debug.Fx, debug.Fy), 1e-3)
+    steep = np.hypot(debug.Fx, debug.Fy) > 5.0
+    np.testing.assert_allclose(np.linalg.norm(debug.normal_flow, axis=2)[steep], np.abs(along)[steep], rtol=0.05)
+
+
+@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+def test_a_loss_is_said_and_the_object_is_found_again(mode: str) -> None:
+    """Gone: zeros, another state, a lower score, and no exception for as long as it takes. Back: the box is on it."""
+    rng = np.random.default_rng(9)
+    frames, boxes = moving_square(rng, count=30)
+    ground = moving_square(np.random.default_rng(9), count=1, side=1)[0][0].astype(float)
+    empty = [np.clip(ground + rng.normal(0, 1.0, ground.shape), 0, 255).astype(np.uint8) for _ in range(12)]
+    tracker = started((frames, boxes), mode=mode)
+    assert all(ok for ok, _ in run(tracker, frames[1:12]))
+    sure = tracker.getTrackingScore()
+    gone = run(tracker, empty)
+    assert gone[-1] == (False, NOWHERE)
+    assert all(box == NOWHERE for ok, box in gone if not ok)
+    assert tracker.state in ("occluded", "lost")
+    assert tracker.getTrackingScore() < sure
+    back = run(tracker, frames[12:])
+    assert back[-1][0]
+    assert tracker.state == "tracking"
+    assert iou(Box(*back[-1][1]), Box(*boxes[-1])) > 0.6
+
+
 def test_debug_before_update_is_a_clear_error(video: tuple[Frames, Boxes]) -> None:
     """There is nothing to show before the first update."""
     with pytest.raises(InputError, match="update"):
@@ -327,3 +385,25 @@ class TestLegacy:
         tracker = legacy.TrackerHS_create()
         assert tracker.init(video[0][0], roi) is False
         assert tracker.update(video[0][1]) == (False, (0.0, 0.0, 0.0, 0.0))
+
+    def test_no_frame_is_false_and_the_track_goes_on(self, video: tuple[Frames, Boxes]) -> None:
+        """A dropped frame costs one False; a frame of another video is an error, as in cv2.legacy, and no damage."""
+        tracker, undisturbed = legacy.TrackerHS_create(), legacy.TrackerHS_create()
+        for one in (tracker, undisturbed):
+            assert one.init(video[0][0], video[1][0]) is True
+        assert tracker.update(None) == (False, (0.0, 0.0, 0.0, 0.0))
+        with pytest.raises(cv2.error, match="160 × 120"):
+            tracker.update(video[0][1][::2])
+        assert run(tracker, video[0][1:4]) == run(undisturbed, video[0][1:4])
+        assert tracker.getTrackingScore() == undisturbed.getTrackingScore()
+
+    def test_init_again_and_copies_work_as_without_legacy(self, video: tuple[Frames, Boxes]) -> None:
+        """A second init forgets; pickle and deepcopy carry the track."""
+        tracker = legacy.TrackerHS_create(TrackerHS_Params(mode="layers"))
+        tracker.init(video[0][0], video[1][0])
+        run(tracker, video[0][1:4])
+        twins = [copy.deepcopy(tracker), pickle.loads(pickle.dumps(tracker))]
+        expected = run(tracker, video[0][4:8])
+        assert [run(twin, video[0][4:8]) for twin in twins] == [expected] * 2
+        assert tracker.init(video[0][0], video[1][0]) is True
+        assert run(tracker, video[0][1:4])[0][0]

@@ -8,9 +8,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["float_gray", "image_pyramid", "pixel_grid", "resize_flow", "smooth_flow", "warp"]
+__all__ = [
+    "FloatImage",
+    "Flow",
+    "Frame",
+    "float_gray",
+    "image_pyramid",
+    "pixel_grid",
+    "resize_flow",
+    "smooth_flow",
+    "warp",
+]
 
 FloatImage = NDArray[np.float32]
+"""Gray, shape (H, W)."""
+
+Frame = NDArray[np.uint8]
+"""What every method takes two of: shape (H, W), or (H, W, 3) BGR."""
+
+Flow = NDArray[np.float32]
+"""What every method returns: shape (H, W, 2), px per frame."""
 
 
 def float_gray(image: NDArray[np.uint8]) -> FloatImage:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .flow_common import FloatImage, float_gray, image_pyramid, resize_flow, smooth_flow, warp
+from .flow_common import FloatImage, Flow, Frame, float_gray, image_pyramid, resize_flow, smooth_flow, warp
 
 __all__ = ["belief_propagation"]
 
@@ -46,17 +46,10 @@ class _Energy:
     rounds: int = 8
 
 
-def belief_propagation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float32]:
+def belief_propagation(first: Frame, second: Frame) -> Flow:
     """Flow by loopy belief propagation.
 
-    Parameters
-    ----------
-    first, second : ndarray, shape (H, W) or (H, W, 3), uint8
-
-    Returns
-    -------
-    ndarray, shape (H, W, 2), float32
-        px per frame, from labels down to a quarter of a pixel at half the resolution.
+    From labels down to a quarter of a pixel at half the resolution.
     """
     one, other = float_gray(first), float_gray(second)
     # Half the resolution: a quarter of the time and memory, and the labels are finer than a pixel anyway.

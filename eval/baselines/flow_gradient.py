@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .flow_common import FloatImage, float_gray, image_pyramid, resize_flow, smooth_flow, warp
+from .flow_common import FloatImage, Flow, Frame, float_gray, image_pyramid, resize_flow, smooth_flow, warp
 
 __all__ = ["buxton_buxton", "lucas_kanade"]
 
@@ -21,17 +21,10 @@ STEP = 4
 """Distance of the Lucas–Kanade points, px."""
 
 
-def lucas_kanade(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float32]:
+def lucas_kanade(first: Frame, second: Frame) -> Flow:
     """Pyramidal Lucas–Kanade on every fourth pixel, interpolated between them.
 
-    Parameters
-    ----------
-    first, second : ndarray, shape (H, W) or (H, W, 3), uint8
-
-    Returns
-    -------
-    ndarray, shape (H, W, 2), float32
-        px per frame; points that OpenCV gives up take the flow of the nearest one that it found.
+    Points that OpenCV gives up take the flow of the nearest one that it found.
     """
     from scipy.ndimage import distance_transform_edt
 

@@ -14,7 +14,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .flow_common import FloatImage, float_gray, image_pyramid, pixel_grid, resize_flow, smooth_flow, warp
+from .flow_common import (
+    FloatImage,
+    Flow,
+    Frame,
+    float_gray,
+    image_pyramid,
+    pixel_grid,
+    resize_flow,
+    smooth_flow,
+    warp,
+)
 
 __all__ = ["match_ncc", "match_ssd", "phase_correlation"]
 
@@ -28,32 +38,18 @@ COARSE_REACH = 5
 """Search range on the coarsest level, px."""
 
 
-def match_ssd(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float32]:
+def match_ssd(first: Frame, second: Frame) -> Flow:
     """Flow that minimises the sum of squared differences of 9 × 9 windows, coarse to fine.
 
-    Parameters
-    ----------
-    first, second : ndarray, shape (H, W) or (H, W, 3), uint8
-
-    Returns
-    -------
-    ndarray, shape (H, W, 2), float32
-        px per frame; sub-pixel by a parabola through the costs.
+    Sub-pixel by a parabola through the costs.
     """
     return _search(first, second, lambda one, other: _window_mean((one - other) ** 2))
 
 
-def match_ncc(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float32]:
+def match_ncc(first: Frame, second: Frame) -> Flow:
     """Flow that maximises the normalised cross-correlation of 9 × 9 windows, coarse to fine.
 
-    Parameters
-    ----------
-    first, second : ndarray, shape (H, W) or (H, W, 3), uint8
-
-    Returns
-    -------
-    ndarray, shape (H, W, 2), float32
-        px per frame; sub-pixel by a parabola through the costs.
+    Sub-pixel by a parabola through the costs.
     """
     return _search(first, second, _decorrelation)
 
@@ -121,20 +117,13 @@ def _best_offset(volume: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.stack([refined(column, 0, 1), refined(row, 1, 0)], axis=2)
 
 
-def phase_correlation(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float32]:
+def phase_correlation(first: Frame, second: Frame) -> Flow:
     """Flow by phase correlation of overlapping blocks of 128, then 64, then 32 px.
 
     Every block of the second frame is taken where the larger blocks have found it, so that a shift larger than a
     small block can be followed; a block whose correlation peak is weak keeps what the larger ones found.
 
-    Parameters
-    ----------
-    first, second : ndarray, shape (H, W) or (H, W, 3), uint8
-
-    Returns
-    -------
-    ndarray, shape (H, W, 2), float32
-        px per frame, interpolated between the blocks' centres.
+    Interpolated between the blocks' centres.
     """
     one, other = float_gray(first), float_gray(second)
     flow = np.zeros((*one.shape, 2), np.float32)

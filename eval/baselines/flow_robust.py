@@ -18,11 +18,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .flow_common import FloatImage, float_gray, image_pyramid, pixel_grid, resize_flow, smooth_flow, warp
+from .flow_common import (
+    FloatImage,
+    Flow,
+    Frame,
+    float_gray,
+    image_pyramid,
+    pixel_grid,
+    resize_flow,
+    smooth_flow,
+    warp,
+)
 
 __all__ = ["black_anandan", "black_jepson"]
 
-Flow = NDArray[np.float32]
 _Basis = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
@@ -56,18 +65,8 @@ def _lorentz(residual: FloatImage, scale: float) -> FloatImage:
     return np.asarray(2.0 / (2.0 * scale**2 + residual**2), dtype=np.float32)
 
 
-def black_anandan(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Flow:
-    """Dense robust flow, coarse to fine.
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (H, W) or (H, W, 3), uint8
-
-    Returns
-    -------
-    ndarray, shape (H, W, 2), float32
-        px per frame.
-    """
+def black_anandan(first: Frame, second: Frame) -> Flow:
+    """Dense robust flow, coarse to fine."""
     pyramids = (image_pyramid(float_gray(frame), 16) for frame in (first, second))
     levels = list(zip(*pyramids, strict=True))[::-1]
     flow = np.zeros((*levels[0][0].shape, 2), np.float32)
@@ -170,20 +169,11 @@ def _neighbours(part: FloatImage, right: FloatImage, down: FloatImage) -> FloatI
     return summed
 
 
-def black_jepson(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> Flow:
+def black_jepson(first: Frame, second: Frame) -> Flow:
     """Parametric flow of the brightness regions of the first frame, plus a small smooth deformation in each.
 
     A coarse dense flow is robustly fitted in every region by a translation, an affine or a planar model, the order
     growing with the size of the region; the fits are refined on the frames themselves; then every region may deform.
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (H, W) or (H, W, 3), uint8
-
-    Returns
-    -------
-    ndarray, shape (H, W, 2), float32
-        px per frame.
     """
     from skimage.segmentation import felzenszwalb
 
