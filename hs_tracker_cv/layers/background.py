@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -9,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import FAR_OFF, KNOWN, gauss_newton, median_flow
+from .kernels import FAR_OFF, KNOWN, median_flow, open_ground
+from .registration import list_points, misfit, refine
 from .state import Atlas, Image, Plane
 from .window import shifted
 
@@ -35,7 +37,7 @@ def camera_from_flow(
     if 16 * n < _FEWEST:
         return last
     u, v = medians
-    return (0.0, 0.0) if np.hypot(u, v) < 0.12 else (float(u), float(v))
+    return (0.0, 0.0) if math.hypot(u, v) < 0.12 else (float(u), float(v))
 
 
 def register(
@@ -52,42 +54,36 @@ def register(
     otherwise noise slowly blurs the atlas.
     """
     h, w, _ = image.shape
-    picture = atlas.image
+    used = np.empty((h, w), np.float32)
+    area = open_ground(near, atlas.counts, used)
     grid = np.array((w / 2, h / 2, max(h, w) / 2))
-    outside = (near == 0) & (atlas.counts[0] >= KNOWN)
-    used = outside.astype(np.float32)
-    stride = max(1, round(np.count_nonzero(outside) / _PIXELS))
-    nothing = np.zeros(8)
-    prior = np.full(8, 1e6)
-    prior[[0, 3]] = 0.02 * noise * noise
-    prior[6] = 1.0
-
-    def cost(theta: NDArray[np.float64]) -> float:
-        return float(gauss_newton(image, picture, used, grid, theta, nothing, 1.0, FAR_OFF, 0, stride, inside))
-
+    points = list_points(atlas.image, used, grid, area, _PIXELS)
     still, moved = np.zeros(8), np.zeros(8)
-    still[[0, 3]] = atlas.offset
-    moved[[0, 3]] = atlas.offset[0] + camera[0], atlas.offset[1] + camera[1]
-    best, best_cost = still, cost(still)
-    if camera != (0.0, 0.0) and (moved_cost := cost(moved)) < best_cost:
-        best, best_cost = moved, moved_cost
-    refined = best.copy()
-    refined_cost = float(
-        gauss_newton(image, picture, used, grid, refined, prior, 3.0 * noise, FAR_OFF, 3, stride, inside)
-    )
-    if refined_cost <= best_cost and np.hypot(refined[0] - best[0], refined[3] - best[3]) < 2.0:
-        best, best_cost = refined, refined_cost
-    still[6] = best[6]
-    if cost(still) <= 1.03 * best_cost + 0.02:
-        best = still
+    still[0], still[3] = atlas.offset
+    moved[0], moved[3] = atlas.offset[0] + camera[0], atlas.offset[1] + camera[1]
+    start = still
+    if camera != (0.0, 0.0):
+        unmoved = misfit(points, image, still, FAR_OFF, inside)
+        if misfit(points, image, moved, FAR_OFF, inside) < unmoved:
+            start = moved
+    strength = 0.02 * noise * noise
+    prior = np.array((strength, 1e6, 1e6, strength, 1e6, 1e6, 1.0, 1e6))
+    theta, before, after = refine(points, image, start, prior, 3.0 * noise, FAR_OFF, inside)
+    best, cost = start, before
+    if after <= before and math.hypot(theta[0] - start[0], theta[3] - start[3]) < 2.0:
+        best, cost = theta, after
+    if best is not still:
+        still[6] = best[6]
+        if misfit(points, image, still, FAR_OFF, inside) <= 1.03 * cost + 0.02:
+            best = still
     return _place(atlas, best)
 
 
 def _place(atlas: Atlas, theta: NDArray[np.float64]) -> Background:
     offset = []
-    for new, old in zip(theta[[0, 3]], atlas.offset, strict=True):
-        whole = float(np.round(new))
-        offset.append(whole if abs(new - whole) < 0.08 and abs(new - old) < 0.15 else float(new))
+    for new, old in zip((float(theta[0]), float(theta[3])), atlas.offset, strict=True):
+        whole = float(round(new))
+        offset.append(whole if abs(new - whole) < 0.08 and abs(new - old) < 0.15 else new)
     gain = min(max(1.0 + 0.01 * float(theta[6]), 0.5), 1.8)
     camera = (offset[0] - atlas.offset[0], offset[1] - atlas.offset[1])
     rx, ry = round(offset[0]), round(offset[1])

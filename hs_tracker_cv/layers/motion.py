@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any, NamedTuple
 
@@ -10,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import background as ground
-from .kernels import FAR_OFF, fit_affine, gauss_newton, start_flow
+from .kernels import FAR_OFF, fit_affine, start_flow
 from .mask import dilate
+from .registration import Points, list_points, misfit, refine
 from .state import Atlas, Image, LayersParams, LayersState, Plane
 from .window import View, transformed
 
@@ -35,10 +37,6 @@ class Grid(NamedTuple):
     def triple(self) -> NDArray[np.float64]:
         """(cx, cy, scale) as the kernels want it."""
         return np.array((self.cx, self.cy, self.scale))
-
-    def stride(self, share: float = 1.0) -> int:
-        """Take every n-th pixel of a row, so that about the wanted number is used."""
-        return max(1, round(self.area * share / _FIT_PIXELS))
 
 
 class Moves(NamedTuple):
@@ -73,11 +71,12 @@ def find(state: LayersState, view: View, params: LayersParams) -> Moves:
     weight = (state.visible if state.occlusion.occluded else obj).astype(np.float32)
     if state.count == 0:  # the corners of a drawn box are ground, more often than not
         weight = np.clip(state.odds, 0.0, 1.0).astype(np.float32)
-    predicted = _predict(state, view.image, weight, grid, view.inside)
+    points = list_points(state.obj, weight, grid.triple, grid.area, _FIT_PIXELS)
+    predicted = _predict(state, view, points, weight, grid)
     near = dilate(obj, 5)
     flow = _dense_flow(view, near, grid, predicted[0], state, params)
     atlas, camera = _ground(state, view, flow, near)
-    theta = _measure(state, view, flow, weight, grid, predicted, camera)
+    theta = _measure(state, view, flow, points, weight, grid, predicted[0], camera)
     few = state.occlusion.occluded and np.count_nonzero(weight) < 0.1 * state.box[2] * state.box[3]
     if few or state.occlusion.coasting:  # hardly anything is seen: it moves as it did before
         theta = _theta(state.velocity, _NO_LINEAR, grid.scale)
@@ -113,8 +112,8 @@ def _ground(
 
 
 def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: float) -> float:
-    relative = float(np.hypot(theta[0] - camera[0], theta[3] - camera[1]))
-    relative += 0.2 * float(np.abs(theta[[1, 2, 4, 5]]).sum())
+    relative = math.hypot(theta[0] - camera[0], theta[3] - camera[1])
+    relative += 0.2 * float(abs(theta[1]) + abs(theta[2]) + abs(theta[4]) + abs(theta[5]))
     return max(min(relative / 0.4, 1.0), 0.9 * last)
 
 
@@ -140,51 +139,40 @@ def _theta(
 
 
 def _predict(
-    state: LayersState, image: Image, weight: Plane, grid: Grid, inside: NDArray[np.int64]
+    state: LayersState, view: View, points: Points, weight: Plane, grid: Grid
 ) -> tuple[NDArray[np.float64], float]:
     """Affine motion expected for this frame, and its mean residual.
 
     The last motion, its translation alone or the camera's motion, whichever explains the frame best; a search over
     translations when none does (always in the second frame, whose motion nobody knows).
     """
-    best = _theta(state.velocity, state.linear, grid.scale)
+
+    def cost_of(theta: NDArray[np.float64]) -> float:
+        return misfit(points, view.image, theta, FAR_OFF, view.inside)
+
     if state.occlusion.occluded or state.occlusion.coasting:
         return _theta(state.velocity, _NO_LINEAR, grid.scale), state.match_cost
-    cost = _cost(state.obj, image, weight, grid, best, inside)
-    candidates = (state.velocity, state.camera) if max(map(abs, best[[1, 2, 4, 5]])) > 0.02 else (state.camera,)
-    for velocity in candidates:
-        if velocity == state.camera and np.hypot(velocity[0] - best[0], velocity[1] - best[3]) < 0.1:
+    best = _theta(state.velocity, state.linear, grid.scale)
+    cost = cost_of(best)
+    bent = max(map(abs, state.linear)) * grid.scale > 0.02
+    for velocity in (state.velocity, state.camera) if bent else (state.camera,):
+        if velocity == state.camera and math.hypot(velocity[0] - best[0], velocity[1] - best[3]) < 0.1:
             continue
         other = _theta(velocity, _NO_LINEAR, grid.scale)
-        other_cost = _cost(state.obj, image, weight, grid, other, inside)
+        other_cost = cost_of(other)
         if other_cost < cost - 0.3:
             best, cost = other, other_cost
     first = state.count == 0
     if first or cost > 1.5 * state.match_cost + 1.0:
-        shift = _search(state, image, weight, grid)
+        shift = _search(state, view.image, weight, grid)
         other = _theta(shift, _NO_LINEAR, grid.scale)
-        other_cost = _cost(state.obj, image, weight, grid, other, inside)
+        other_cost = cost_of(other)
         dx, dy = shift[0] - state.velocity[0], shift[1] - state.velocity[1]
         distance = dx * dx + dy * dy
         penalised = other_cost * (1 + distance / (2 * (0.5 * grid.scale + 8) ** 2)) + 0.02 * distance
         if penalised < (0.92 * cost - 0.15 if first else 0.85 * cost - 0.5):
             best, cost = other, other_cost
     return best, cost
-
-
-def _cost(
-    obj: Image,
-    image: Image,
-    weight: Plane,
-    grid: Grid,
-    theta: NDArray[np.float64],
-    inside: NDArray[np.int64],
-    ceiling: float = FAR_OFF,
-) -> float:
-    nothing = np.zeros(8)
-    return float(
-        gauss_newton(image, obj, weight, grid.triple, theta.copy(), nothing, 1.0, ceiling, 0, grid.stride(), inside)
-    )
 
 
 def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
@@ -255,9 +243,10 @@ def _measure(
     state: LayersState,
     view: View,
     flow: NDArray[np.float32],
+    points: Points,
     weight: Plane,
     grid: Grid,
-    predicted: tuple[NDArray[np.float64], float],
+    predicted: NDArray[np.float64],
     camera: tuple[float, float],
 ) -> NDArray[np.float64]:
     """Affine motion of the object: the flow's robust fit, sharpened against the object layer.
@@ -266,53 +255,52 @@ def _measure(
     prediction, and is believed only near its start.
     """
     hidden = state.occlusion.occluded
-    theta, _ = predicted
-    image, inside = view.image, view.inside
-    stride = grid.stride()
-    fitted = theta.copy()
-    points = np.empty((7, 2 * _FIT_PIXELS), np.float32)
-    ridge = np.array((0.02, 0.1, 0.1)) * 0.3
-    if hidden:
-        ridge *= (3.0, 30.0, 30.0)
-    odds = np.where(weight > 0, state.odds, np.float32(-1.0)) if hidden else state.odds
-    fit_affine(
-        flow,
-        view.previous,
-        odds,
-        grid.triple,
-        ridge,
-        state.noise,
-        np.array(camera),
-        state.count < 3,
-        stride,
-        points,
-        fitted,
-    )
-    linear = (1, 2, 4, 5)
-    limit = 0.0 if hidden else 0.35 * grid.scale
-    for i in linear:
-        fitted[i] = min(max(fitted[i], -limit), limit)
+    fitted = _fit(state, view, flow, weight, grid, predicted, camera)
     strength = max(state.noise, 2.0) ** 2 * (5.0 if hidden else 1.0)
-    prior = strength * np.array((0.02, 0.05, 0.05, 0.02, 0.05, 0.05, 0.0, 0.02))
-    prior[6] = 0.02
-    scale = 3.0 * state.noise + 3.0
+    stiff, steady = 0.05 * strength, 0.02 * strength
+    prior = np.array((steady, stiff, stiff, steady, stiff, stiff, 0.02, steady))
     # what differs by more than the fit takes seriously (a highlight, something in front) must not decide either
-    best, best_cost = fitted, _cost(state.obj, image, weight, grid, fitted, inside, scale)
-    starts = (fitted, theta)
-    for number, start in enumerate(starts):
-        if number == 1 and float(np.abs(start[[0, 3]] - fitted[[0, 3]]).max()) < 0.05:
+    scale = 3.0 * state.noise + 3.0
+    best, limit = fitted, math.inf
+    for start in (fitted, predicted):
+        if start is predicted and max(abs(start[0] - fitted[0]), abs(start[3] - fitted[3])) < 0.05:
             continue
-        refined = start.copy()
-        residual = float(
-            gauss_newton(image, state.obj, weight, grid.triple, refined, prior, scale, scale, 3, stride, inside)
-        )
-        moved = float(np.hypot(refined[0] - start[0], refined[3] - start[3]))
-        stretched = float(np.abs(refined[list(linear)]).max())
+        theta, before, after = refine(points, view.image, start, prior, scale, scale, view.inside)
+        if start is fitted:
+            limit = before
+        moved = math.hypot(theta[0] - start[0], theta[3] - start[3])
+        stretched = max(abs(theta[1]), abs(theta[2]), abs(theta[4]), abs(theta[5]))
         if moved > 3.0 or stretched > 0.4 * grid.scale:
             continue
-        if residual < (best_cost if number == 0 else _CONTINUE * best_cost):
-            best, best_cost = refined, residual
+        if after < (limit if start is fitted else _CONTINUE * limit):
+            best, limit = theta, after
     return best
+
+
+def _fit(
+    state: LayersState,
+    view: View,
+    flow: NDArray[np.float32],
+    weight: Plane,
+    grid: Grid,
+    predicted: NDArray[np.float64],
+    camera: tuple[float, float],
+) -> NDArray[np.float64]:
+    """Affine motion of the object by the flow alone."""
+    hidden = state.occlusion.occluded
+    fitted = predicted.copy()
+    ridge = np.array((0.018, 0.9, 0.9) if hidden else (0.006, 0.03, 0.03))
+    odds = np.where(weight > 0, state.odds, np.float32(-1.0)) if hidden else state.odds
+    stride = max(1, round(grid.area / _FIT_PIXELS))
+    workspace = np.empty((7, 2 * _FIT_PIXELS), np.float32)
+    fit_affine(
+        flow, view.previous, odds, grid.triple, ridge, state.noise, np.array(camera), state.count < 3, stride,
+        workspace, fitted,
+    )  # fmt: skip
+    limit = 0.0 if hidden else 0.35 * grid.scale
+    for i in (1, 2, 4, 5):
+        fitted[i] = min(max(fitted[i], -limit), limit)
+    return fitted
 
 
 def warp(
