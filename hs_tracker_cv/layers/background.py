@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import FAR_OFF, KNOWN, median_flow, open_ground
+from .kernels import FAR_OFF, median_flow, open_ground, shift_ground
 from .registration import list_points, misfit, refine
 from .state import Atlas, Image, Plane
-from .window import shifted
 
-__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register"]
+__all__ = ["Background", "camera_from_flow", "move", "register"]
 
 _PIXELS = 1000
 _FEWEST = 60  # fewer pixels say nothing about the camera
@@ -43,6 +40,7 @@ def camera_from_flow(
 def register(
     atlas: Atlas,
     image: Image,
+    odds: Plane,
     near: NDArray[np.uint8],
     camera: tuple[float, float],
     noise: float,
@@ -51,7 +49,7 @@ def register(
     """Find where the atlas lies in this frame, and its brightness; move it there by whole pixels.
 
     Against the atlas, not the previous frame, so that errors don't add up. "The camera stood still" wins ties:
-    otherwise noise slowly blurs the atlas.
+    otherwise noise slowly blurs the atlas. `odds` of the object say what the atlas may learn where it has nothing.
     """
     h, w, _ = image.shape
     used = np.empty((h, w), np.float32)
@@ -76,39 +74,30 @@ def register(
         still[6] = best[6]
         if misfit(points, image, still, FAR_OFF, inside) <= 1.03 * cost + 0.02:
             best = still
-    return _place(atlas, best)
+    return _place(atlas, best, image, odds)
 
 
-def _place(atlas: Atlas, theta: NDArray[np.float64]) -> Background:
+def _place(atlas: Atlas, theta: NDArray[np.float64], image: Image, odds: Plane) -> Background:
     offset = []
     for new, old in zip((float(theta[0]), float(theta[3])), atlas.offset, strict=True):
         whole = float(round(new))
         offset.append(whole if abs(new - whole) < 0.08 and abs(new - old) < 0.15 else new)
     gain = min(max(1.0 + 0.01 * float(theta[6]), 0.5), 1.8)
+    if abs(gain - 1.0) <= 0.004:
+        gain = 1.0
     camera = (offset[0] - atlas.offset[0], offset[1] - atlas.offset[1])
     rx, ry = round(offset[0]), round(offset[1])
-    h, w = atlas.image.shape[:2]
-    atlas = move(Atlas(atlas.image, atlas.counts, (offset[0] - rx, offset[1] - ry)), -rx, -ry, (h, w))
-    if abs(gain - 1.0) > 0.004:
-        atlas = replace(atlas, image=atlas.image * np.float32(gain))
-    return Background(atlas, camera)
+    placed = Atlas(atlas.image, atlas.counts, (offset[0] - rx, offset[1] - ry))
+    return Background(move(placed, -rx, -ry, image, odds, gain), camera)
 
 
-def move(atlas: Atlas, dx: int, dy: int, size: tuple[int, int]) -> Atlas:
-    """Atlas in a window whose pixel (i, j) is (i + dx, j + dy) of this one; new pixels have −1 samples."""
-    if (dx, dy) == (0, 0) and size == atlas.image.shape[:2]:
+def move(atlas: Atlas, dx: int, dy: int, image: Image, odds: Plane, gain: float = 1.0) -> Atlas:
+    """Atlas in the window of `image`, whose pixel (i, j) is (i + dx, j + dy) of this one, made brighter by `gain`.
+
+    New pixels get the colour of `image`, taken as known, or unseen where the object may be by its `odds`.
+    """
+    if (dx, dy, gain) == (0, 0, 1.0) and image.shape == atlas.image.shape:
         return atlas
-    fills = (-1.0, 0.0, 0.0)
-    counts = np.stack([shifted(a, dx, dy, size, fill) for a, fill in zip(atlas.counts, fills, strict=True)])
-    return Atlas(shifted(atlas.image, dx, dy, size, 0.0), counts, atlas.offset)
-
-
-def fill_new(atlas: Atlas, image: Image, odds: Plane) -> Atlas:
-    """Give pixels without data this frame's colour, taken as known, or unseen where the object may be."""
-    new = atlas.counts[0] < 0
-    if not new.any():
-        return atlas
-    picture, counts = atlas.image.copy(), atlas.counts.copy()
-    cv2.copyTo(image, new.view(np.uint8), picture)
-    counts[0][new] = np.where(odds[new] < -1.0, KNOWN, 0)
+    picture, counts = np.empty_like(image), np.empty((3, *odds.shape), np.float32)
+    shift_ground(atlas.image, atlas.counts, dx, dy, gain, image, odds, picture, counts)
     return Atlas(picture, counts, atlas.offset)

@@ -16,16 +16,13 @@ __all__ = ["Mask", "box_of", "component", "dilate", "follow_distractor", "grow",
 Mask = NDArray[np.uint8]
 
 _SMALLEST_DISTRACTOR = 20  # px; less has no flow of its own
+_SQUARES = {side: np.ones((side, side), np.uint8) for side in (3, 5, 7, 9)}
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-
-
-def _square(side: int) -> Mask:
-    return np.ones((side, side), np.uint8)
 
 
 def dilate(mask: Mask, side: int) -> Mask:
     """Dilation by a square of that side."""
-    return np.asarray(cv2.dilate(mask, _square(side)), dtype=np.uint8)
+    return np.asarray(cv2.dilate(mask, _SQUARES[side]), dtype=np.uint8)
 
 
 def grow(fresh: Mask, warped: Plane, distractor: Mask, count: int) -> tuple[Mask, Mask]:
@@ -100,7 +97,7 @@ def component(odds: Plane, warped: Plane) -> Mask:
     before = warped > 0
     area = int(np.count_nonzero(before))
     if area > 800:
-        mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _square(3)), dtype=np.uint8)
+        mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _SQUARES[3]), dtype=np.uint8)
     elif area > 150:
         mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _CROSS), dtype=np.uint8)
     x, y, w, h = cv2.boundingRect(mask)
@@ -122,9 +119,9 @@ def component(odds: Plane, warped: Plane) -> Mask:
 
 def refine_edge(image: Image, background: Image, seen: Plane, mask: Mask, odds: Plane, noise: float) -> Mask:
     """Cut mixed edge pixels that are mostly background; lowers `odds` there. Keeps the mask if too much would go."""
-    core = np.asarray(cv2.erode(mask, _square(5)), dtype=np.uint8)
+    core = np.asarray(cv2.erode(mask, _SQUARES[5]), dtype=np.uint8)
     if np.count_nonzero(core) < 9:
-        core = np.asarray(cv2.erode(mask, _square(3)), dtype=np.uint8)
+        core = np.asarray(cv2.erode(mask, _SQUARES[3]), dtype=np.uint8)
     changed = odds.copy()
     alpha_edge(image, background, seen, core, dilate(mask, 3), mask, noise, changed)
     kept = mask & (changed > 0).view(np.uint8)

@@ -11,17 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import background as ground
-from .kernels import FAR_OFF, fit_affine, start_flow
+from .kernels import FAR_OFF, fit_affine, outline, start_flow
 from .mask import dilate
 from .registration import Points, list_points, misfit, refine
 from .state import Atlas, Image, LayersParams, LayersState, Plane
-from .window import View, transformed
+from .window import View
 
-__all__ = ["Grid", "Moves", "displace", "find", "follow", "warp"]
+__all__ = ["Grid", "Moves", "displace", "find", "follow", "inverse_matrix", "where_to"]
 
 _LOCAL = threading.local()
 _NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
 _CONTINUE = 1.03  # the motion found from the predicted one wins where it explains the frame about as well
+_EVENLY, _BY_ODDS, _AS_VISIBLE = range(3)  # what the pixels of the object weigh, for `kernels.outline`
 _FIT_PIXELS = 1200  # enough for eight parameters; more only cost time
 
 
@@ -48,6 +49,7 @@ class Moves(NamedTuple):
     camera : translation of the background, lattice px.
     atlas : the background, registered to this frame.
     contrast : how much the object moves against the camera, 0–1, slowly forgetting.
+    extent : (x0, y0, x1, y1) of all that may have belonged to the object, window px of the last frame.
     """
 
     grid: Grid
@@ -57,6 +59,7 @@ class Moves(NamedTuple):
     camera: tuple[float, float]
     atlas: Atlas
     contrast: float
+    extent: tuple[int, int, int, int]
 
     @property
     def velocity(self) -> tuple[float, float]:
@@ -66,33 +69,34 @@ class Moves(NamedTuple):
 
 def find(state: LayersState, view: View, params: LayersParams) -> Moves:
     """Motion of object and camera into this frame."""
-    obj = (state.odds > 0).view(np.uint8)
-    grid = _grid_of(obj, state)
-    weight = (state.visible if state.occlusion.occluded else obj).astype(np.float32)
-    if state.count == 0:  # the corners of a drawn box are ground, more often than not
-        weight = np.clip(state.odds, 0.0, 1.0).astype(np.float32)
-    points = list_points(state.obj, weight, grid.triple, grid.area, _FIT_PIXELS)
-    predicted = _predict(state, view, points, weight, grid)
-    near = dilate(obj, 5)
+    hidden = state.occlusion.occluded
+    # the corners of a drawn box are ground, more often than not
+    way = _AS_VISIBLE if hidden else _BY_ODDS if state.count == 0 else _EVENLY
+    shape = _outline(state.odds, state, way)
+    grid = shape.grid
+    points = list_points(state.obj, shape.weight, grid.triple, grid.area, _FIT_PIXELS)
+    predicted = _predict(state, view, points, shape.weight, grid)
+    near = dilate(shape.mask, 5)
     flow = _dense_flow(view, near, grid, predicted[0], state, params)
     atlas, camera = _ground(state, view, flow, near)
-    theta = _measure(state, view, flow, points, weight, grid, predicted[0], camera)
-    few = state.occlusion.occluded and np.count_nonzero(weight) < 0.1 * state.box[2] * state.box[3]
+    few = hidden and shape.seen < 0.1 * state.box[2] * state.box[3]
     if few or state.occlusion.coasting:  # hardly anything is seen: it moves as it did before
         theta = _theta(state.velocity, _NO_LINEAR, grid.scale)
-    return Moves(grid, theta, predicted[1], flow, camera, atlas, _contrast(theta, camera, state.contrast))
+    else:
+        theta = _measure(state, view, flow, points, shape.weight, grid, predicted[0], camera)
+    contrast = _contrast(theta, camera, state.contrast)
+    return Moves(grid, theta, predicted[1], flow, camera, atlas, contrast, shape.extent)
 
 
-def follow(
-    state: LayersState, view: View, obj: NDArray[np.uint8], velocity: tuple[float, float], params: LayersParams
-) -> Moves:
-    """Motion of the camera into this frame; that of the object is given."""
-    grid = _grid_of(obj, state)
-    theta = _theta(velocity, _NO_LINEAR, grid.scale)
-    near = dilate(obj, 5)
-    flow = _dense_flow(view, near, grid, theta, state, params)
+def follow(state: LayersState, view: View, odds: Plane, velocity: tuple[float, float], params: LayersParams) -> Moves:
+    """Motion of the camera into this frame; that of the object, which is where `odds` are positive, is given."""
+    shape = _outline(odds, state, _EVENLY)
+    theta = _theta(velocity, _NO_LINEAR, shape.grid.scale)
+    near = dilate(shape.mask, 5)
+    flow = _dense_flow(view, near, shape.grid, theta, state, params)
     atlas, camera = _ground(state, view, flow, near)
-    return Moves(grid, theta, state.match_cost, flow, camera, atlas, _contrast(theta, camera, state.contrast))
+    contrast = _contrast(theta, camera, state.contrast)
+    return Moves(shape.grid, theta, state.match_cost, flow, camera, atlas, contrast, shape.extent)
 
 
 def displace(moves: Moves, shift: tuple[int, int]) -> Moves:
@@ -103,12 +107,9 @@ def displace(moves: Moves, shift: tuple[int, int]) -> Moves:
     return moves._replace(theta=theta)
 
 
-def _ground(
-    state: LayersState, view: View, flow: NDArray[np.float32], near: NDArray[np.uint8]
-) -> tuple[Atlas, tuple[float, float]]:
+def _ground(state: LayersState, view: View, flow: NDArray[np.float32], near: NDArray[np.uint8]) -> ground.Background:
     camera = ground.camera_from_flow(flow, near, state.camera)
-    registered = ground.register(state.atlas, view.image, near, camera, state.noise, view.inside)
-    return ground.fill_new(registered.atlas, view.image, state.odds), registered.camera
+    return ground.register(state.atlas, view.image, state.odds, near, camera, state.noise, view.inside)
 
 
 def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: float) -> float:
@@ -117,17 +118,29 @@ def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: flo
     return max(min(relative / 0.4, 1.0), 0.9 * last)
 
 
-def _grid_of(mask: NDArray[np.uint8], state: LayersState) -> Grid:
-    """Centre and scale of a mask; of the last box when the mask is empty."""
-    moments = cv2.moments(mask, binaryImage=True)
-    area = moments["m00"]
+class _Outline(NamedTuple):
+    """Where the object is: mask, weights of its pixels and their sum, coordinates, and all that may belong to it."""
+
+    mask: NDArray[np.uint8]
+    weight: Plane
+    seen: float
+    grid: Grid
+    extent: tuple[int, int, int, int]
+
+
+def _outline(odds: Plane, state: LayersState, way: int) -> _Outline:
+    """Outline of {odds > 0}; of the last box when that is empty."""
+    mask, weight, sums = np.empty(odds.shape, np.uint8), np.empty_like(odds), np.empty(12)
+    outline(odds, state.visible, way, mask, weight, sums)
+    area, x, y, left, right, top, bottom, first_x, last_x, first_y, last_y, seen = sums.tolist()
+    extent = (int(first_x), int(first_y), int(last_x) + 1, int(last_y) + 1)
     if area < 4:
-        x, y, w, h = state.box
-        return Grid(
-            x - state.origin[0] + w / 2, y - state.origin[1] + h / 2, max(6.0, max(w, h) / 2), max(w * h, 1.0)
-        )
-    _, _, w, h = cv2.boundingRect(mask)
-    return Grid(moments["m10"] / area, moments["m01"] / area, max(6.0, max(w, h) / 2), area)
+        bx, by, w, h = state.box
+        cx, cy = bx - state.origin[0] + w / 2, by - state.origin[1] + h / 2
+        grid = Grid(cx, cy, max(6.0, max(w, h) / 2), max(w * h, 1.0))
+    else:
+        grid = Grid(x / area, y / area, max(6.0, max(right - left + 1, bottom - top + 1) / 2), area)
+    return _Outline(mask, weight, seen, grid, extent)
 
 
 def _theta(
@@ -303,12 +316,21 @@ def _fit(
     return fitted
 
 
-def warp(
-    image: NDArray[np.float32], theta: NDArray[np.float64], grid: Grid, fill: float | None
-) -> NDArray[np.float32]:
-    """Image moved by an affine motion; where nothing comes from the window `fill`, or (None) its border."""
-    a, b, c, d = (float(theta[i]) / grid.scale for i in (1, 2, 4, 5))
-    x = float(theta[0]) - a * grid.cx - b * grid.cy
-    y = float(theta[3]) - c * grid.cx - d * grid.cy
-    size = (image.shape[0], image.shape[1])
-    return transformed(image, (1 + a, b, x, c, 1 + d, y), size, fill)
+def inverse_matrix(theta: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+    """Where the pixels of this frame come from by an affine motion, as `kernels.resample` wants it."""
+    vx, a, b, vy, c, d = theta[:6].tolist()
+    a, b, c, d = 1.0 + a / grid.scale, b / grid.scale, c / grid.scale, 1.0 + d / grid.scale
+    x = vx - (a - 1.0) * grid.cx - b * grid.cy
+    y = vy - c * grid.cx - (d - 1.0) * grid.cy
+    size = a * d - b * c
+    return np.array((d / size, -b / size, (b * y - d * x) / size, -c / size, a / size, (c * x - a * y) / size))
+
+
+def where_to(extent: tuple[int, int, int, int], theta: NDArray[np.float64], grid: Grid) -> tuple[float, ...]:
+    """Box (x0, y0, x1, y1) round all places to which an affine motion takes the pixels of a rectangle."""
+    vx, a, b, vy, c, d = theta[:6].tolist()
+    xs, ys = ((extent[0], extent[2]), (extent[1], extent[3]))
+    corners = [((x - grid.cx) / grid.scale, (y - grid.cy) / grid.scale, x, y) for x in xs for y in ys]
+    across = [x + vx + a * unit_x + b * unit_y for unit_x, unit_y, x, _ in corners]
+    down = [y + vy + c * unit_x + d * unit_y for unit_x, unit_y, _, y in corners]
+    return min(across), min(down), max(across), max(down)

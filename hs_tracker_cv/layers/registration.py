@@ -19,7 +19,7 @@ class Points(NamedTuple):
     """Pixels of a layer that a motion is measured by; see `kernels.collect`."""
 
     rows: NDArray[np.float32]
-    count: int
+    length: int
 
 
 class Fit(NamedTuple):
@@ -42,7 +42,7 @@ def misfit(
 ) -> float:
     """Mean residual of a motion, none counted as more than `ceiling`."""
     return float(
-        gauss_newton(image, points.rows, points.count, theta, _NO_PRIOR, 1.0, ceiling, inside, np.empty(1), 0)
+        gauss_newton(image, points.rows, points.length, theta, _NO_PRIOR, 1.0, ceiling, inside, np.empty(1), 0)
     )
 
 
@@ -58,5 +58,5 @@ def refine(
 ) -> Fit:
     """Refine a motion, in so many steps at most, towards the least residual."""
     theta, before = start.copy(), np.empty(1)
-    after = gauss_newton(image, points.rows, points.count, theta, prior, scale, ceiling, inside, before, steps)
+    after = gauss_newton(image, points.rows, points.length, theta, prior, scale, ceiling, inside, before, steps)
     return Fit(theta, float(before[0]), float(after))

@@ -15,7 +15,7 @@ __all__ = ["Atlas", "Image", "LayersParams", "LayersReport", "LayersState", "Occ
 Plane = NDArray[np.float32]
 """One value per window pixel, (h, w)."""
 Image = NDArray[np.float32]
-"""C values per window pixel, (h, w, C), 0–255."""
+"""Three values per window pixel, (h, w, 3), 0–255."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Atlas:
 
     Parameters
     ----------
-    image : ndarray, shape (h, w, C)
+    image : ndarray, shape (h, w, 3)
     counts : ndarray, shape (3, h, w), float32
         Samples (−1 no data, 0 not yet seen uncovered); frames of mismatch; frames since the pixel last matched
         uncovered.
@@ -198,11 +198,13 @@ class LayersState:
         Linear part (u_x, u_y, v_x, v_y) of its motion, per frame.
     camera : tuple of float
         Last camera translation, lattice px.
-    previous : ndarray, shape (h, w, C)
+    previous : ndarray, shape (h, w, 3)
         The frame just seen.
+    gray : ndarray, shape (h, w)
+        Its gray version.
     odds, shape : ndarray, shape (h, w)
         Log-odds of "object"; slow memory of its shape, 0–1.
-    obj : ndarray, shape (h, w, C)
+    obj : ndarray, shape (h, w, 3)
         Object layer.
     distractor : ndarray, shape (h, w), uint8
         What moves but is not the object.
@@ -230,6 +232,7 @@ class LayersState:
     linear: tuple[float, float, float, float]
     camera: tuple[float, float]
     previous: Image
+    gray: Plane
     odds: Plane
     shape: Plane
     obj: Image

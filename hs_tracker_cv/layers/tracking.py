@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import Frame, to_gray
+from ..frames import Frame
 from ..geometry import Box
 from . import labelling, memory, motion
 from . import mask as masks
@@ -56,9 +56,8 @@ def start(frame: Frame, box: Box, params: LayersParams) -> LayersState:
     k = lattice_step(max(box.w, box.h), params.working_size)
     small = _to_lattice(box, k)
     origin, size = place_window(small, (0.0, 0.0), _margin(small, 0, 0, params), _extent(frame, k))
-    image = grab(frame, origin, size, k)
+    image, gray = grab(frame, origin, size, k)
     seed = memory.seed(image, small, origin)
-    gray = to_gray(image)
     mask = (seed.odds > 0).view(np.uint8)
     report = LayersReport(
         box=box,
@@ -85,6 +84,7 @@ def start(frame: Frame, box: Box, params: LayersParams) -> LayersState:
         linear=(0.0, 0.0, 0.0, 0.0),
         camera=(0.0, 0.0),
         previous=image,
+        gray=gray,
         odds=seed.odds,
         shape=seed.shape,
         obj=image,
@@ -112,7 +112,7 @@ def step(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
     """
     view = look(state, frame)
     moves = motion.find(state, view, params)
-    expected = labelling.expect(state, view, moves)
+    expected = labelling.expect(state, moves)
     in_front = labelling.in_front(state, view, moves, expected)
     evidence = labelling.weigh(state, view, expected, moves)
     if state.occlusion.occluded or state.occlusion.coasting:
@@ -157,7 +157,7 @@ def watch(state: LayersState, frame: Frame, box: Box, params: LayersParams) -> L
         for new, side, old, length in zip(small[:2], small[2:], state.box[:2], state.box[2:], strict=True)
     )
     mask = (seed.odds > 0).view(np.uint8)
-    moves = motion.follow(state, view, mask, (speed[0], speed[1]), params)
+    moves = motion.follow(state, view, seed.odds, (speed[0], speed[1]), params)
     expected = labelling.expect_nothing(state, view, moves, seed.odds)
     errors, _, _ = labelling.weigh(state, view, expected, moves)
     labels = Labels(mask, seed.odds, seed.odds, errors, np.zeros_like(mask), seed.bins)

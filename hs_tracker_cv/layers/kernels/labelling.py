@@ -1,4 +1,4 @@
-"""Which pixels are the object, and what is learned from that."""
+"""Which pixels are the object."""
 
 # Parts have no types of their own: Numba infers them.
 # mypy: allow-untyped-defs, no-check-untyped-defs, allow-untyped-calls
@@ -6,31 +6,66 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiling import larger, local, root, smaller
-from .common import KNOWN, Bins, Image, Integers, Mask, Numbers, Plane, Row, fast_kernel, select
+from ...compiling import larger, local, smaller
+from .common import KNOWN, Bins, Image, Integers, Mask, Plane, Row, fast_kernel, fast_part
 
-_three = local(3)
+f32 = np.float32
+_THIRD = np.float32(1.0 / 3.0)
+_BLOCK = 64  # pixels at a time: results first go to short arrays on the stack, which overlap with nothing
+
+_block = local(_BLOCK)
 
 
-@fast_kernel
-def local_products(image: Image, background: Image, obj: Image, out: Image) -> None:
-    """Channel sums of I·B, B·B, I·O, O·O into out (h, w, 4): box-filtered, they give the local gains."""
-    h, w, channels = image.shape
-    for y in range(h):
-        for x in range(w):
-            ib = bb = io = oo = 0.0
-            for c in range(channels):
-                i = image[y, x, c]
-                b = background[y, x, c]
-                o = obj[y, x, c]
-                ib += i * b
-                bb += b * b
-                io += i * o
-                oo += o * o
-            out[y, x, 0] = ib
-            out[y, x, 1] = bb
-            out[y, x, 2] = io
-            out[y, x, 3] = oo
+@fast_part
+def _products(a, b, y, rows, first, second):
+    """Channel sums of a · b and b · b along a row."""
+    for x in range(a.shape[1]):
+        b0 = b[y, x, 0]
+        b1 = b[y, x, 1]
+        b2 = b[y, x, 2]
+        rows[first, x] = a[y, x, 0] * b0 + a[y, x, 1] * b1 + a[y, x, 2] * b2
+        rows[second, x] = b0 * b0 + b1 * b1 + b2 * b2
+
+
+@fast_part
+def _slope(a, y, x, left, right, up, down):
+    """Mean over the channels of the squared gradient; up and down, left and right are the neighbours."""
+    gx0 = a[y, right, 0] - a[y, left, 0]
+    gx1 = a[y, right, 1] - a[y, left, 1]
+    gx2 = a[y, right, 2] - a[y, left, 2]
+    gy0 = a[down, x, 0] - a[up, x, 0]
+    gy1 = a[down, x, 1] - a[up, x, 1]
+    gy2 = a[down, x, 2] - a[up, x, 2]
+    # (difference over two pixels)² is four times the gradient squared
+    return (gx0 * gx0 + gx1 * gx1 + gx2 * gx2 + gy0 * gy0 + gy1 * gy1 + gy2 * gy2) * (_THIRD * f32(0.25))
+
+
+@fast_part
+def _slopes(a, y, rows, target):
+    """The same along a row."""
+    h, w, _ = a.shape
+    up = larger(y - 1, 0)
+    down = smaller(y + 1, h - 1)
+    rows[target, 0] = _slope(a, y, 0, 0, 1, up, down)
+    for x in range(1, w - 1):
+        rows[target, x] = _slope(a, y, x, x - 1, x + 1, up, down)
+    rows[target, w - 1] = _slope(a, y, w - 1, w - 2, w - 1, up, down)
+
+
+@fast_part
+def _add_five(rows, group, y, h, w, target):
+    """Sum of the rows y − 2 … y + 2 of a group, reflected at the border; the sum begins at column 2."""
+    a = group + abs(y - 2) % 5
+    b = group + abs(y - 1) % 5
+    c = group + y % 5
+    d = group + (y + 1 if y + 1 < h else h - 2) % 5
+    e = group + (y + 2 if y + 2 < h else 2 * h - y - 4) % 5
+    for x in range(w):
+        rows[target, x + 2] = rows[a, x] + rows[b, x] + rows[c, x] + rows[d, x] + rows[e, x]
+    rows[target, 1] = rows[target, 3]
+    rows[target, 0] = rows[target, 4]
+    rows[target, w + 2] = rows[target, w]
+    rows[target, w + 3] = rows[target, w - 1]
 
 
 @fast_kernel
@@ -42,132 +77,175 @@ def evidence(
     obj: Image,
     warped: Plane,
     counts: Image,
-    products: Image,
-    noise: np.float32,
-    knobs: Row,
+    part: Integers,
     inside: Integers,
+    knobs: Row,
+    rows: Plane,
     out: Image,
     fresh: Mask,
 ) -> float:
     """Log-likelihood ratio, object against background, per pixel.
 
     Parameters are windows: current image, background layer, previous image moved by the camera and by the object's
-    motion, object layer and log-odds warped by the object's motion, the background's counts, filtered products.
-    knobs = (tau_b², tau_o², κ, motion contrast, occluded).
-    out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] the same without
-    gain or previous image, out[3] local gain of the background, out[4] error against the previous image where
-    the background is not yet known. `fresh` is 1 where something new covers a background that was seen a moment ago.
+    motion, object layer and log-odds warped by the object's motion, the background's counts. `part` (x0, y0, x1, y1)
+    is where the object layer has been warped; elsewhere nothing can be the object but what is new.
+    knobs = (tau_b², tau_o², κ, motion contrast, occluded, noise). `rows` (26, w + 4) is a workspace.
+    out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] local gain of the
+    background, out[3] error against the previous image where the background is not yet known. `fresh` is 1 where
+    something new covers a background that was seen a moment ago.
     Returns the share of the object's pixels that look about as they did.
     """
     h, w, channels = image.shape
+    if channels != 3 or background.shape[2] != 3 or obj.shape[2] != 3 or moved.shape[2] != 3 or carried.shape[2] != 3:
+        return 0.0  # from here on LLVM knows it, and can vectorise
     tau_b = knobs[0]
     tau_o = knobs[1]
-    kappa = knobs[2]
+    unit = knobs[2] * _THIRD
     contrast = knobs[3]
     occluded = knobs[4]
-    mean = 1.0 / channels
+    noise = knobs[5]
     noise2 = noise * noise
-    like = (6.0 * noise + 6.0) * (6.0 * noise + 6.0) * channels
-    own = 0
-    alike = 0.0
-    for y in range(h):
-        ym = larger(y - 1, 0)
-        yp = smaller(y + 1, h - 1)
-        for x in range(w):
-            fresh[y, x] = 0
-            if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
-                out[0, y, x] = -2.0
-                out[1, y, x] = 0.0
-                out[2, y, x] = 0.0
-                out[3, y, x] = 1.0
-                out[4, y, x] = 0.0
-                continue
-            xm = larger(x - 1, 0)
-            xp = smaller(x + 1, w - 1)
-            n = counts[0, y, x]
-            s = warped[y, x]
-            gain_b = (products[y, x, 0] + 50.0) / (products[y, x, 1] + 50.0)
-            gain_b = smaller(larger(gain_b, 0.35), 2.5)
-            grad_b = b2 = eb = egb = 0.0
-            for c in range(channels):
-                i = image[y, x, c]
-                b = background[y, x, c]
-                gx = background[y, xp, c] - background[y, xm, c]
-                gy = background[yp, x, c] - background[ym, x, c]
-                grad_b += gx * gx + gy * gy
-                b2 += b * b
-                e = i - b
-                eb += e * e
-                e = i - gain_b * b
-                egb += e * e
-            # the factor ¼ makes (difference over two pixels)² the gradient squared; κ/s² of the channel mean
-            grad_b *= mean / 4.0
-            var_b = noise2 * (1.0 + 1.0 / larger(n, 1.0)) + tau_b * grad_b
-            unit = kappa * mean / var_b
-            direct = eb * unit
-            out[2, y, x] = direct
-            out[3, y, x] = gain_b
-            out[4, y, x] = 0.0
-            if s < -2.5 and n >= KNOWN and direct < 2.0:  # far from the object and as ever: nothing more to weigh
-                out[0, y, x] = 0.5 * (direct - 5.0)
-                out[1, y, x] = direct
-                continue
-            gain_o = (products[y, x, 2] + 50.0) / (products[y, x, 3] + 50.0)
-            gain_o = smaller(larger(gain_o, 0.6), 1.7)
-            grad_o = em = eo = ego = ec = 0.0
-            for c in range(channels):
-                i = image[y, x, c]
-                o = obj[y, x, c]
-                gx = obj[y, xp, c] - obj[y, xm, c]
-                gy = obj[yp, x, c] - obj[ym, x, c]
-                grad_o += gx * gx + gy * gy
-                e = i - moved[y, x, c]
-                em += e * e
-                e = i - carried[y, x, c]
-                ec += e * e
-                e = i - o
-                eo += e * e
-                e = i - gain_o * o
-                ego += e * e
-            if s > 0.0:
-                own += 1
-                if eo < like or ego < 0.25 * like:
-                    alike += 1.0
-            var_o = 1.5 * noise2 + tau_o * grad_o * mean / 4.0
-            error_b = direct
-            if gain_b < 0.97:
+    like = (f32(6.0) * noise + f32(6.0)) * (f32(6.0) * noise + f32(6.0)) * f32(3.0)
+    texture = larger(f32(2.0), f32(0.8) * noise)
+    own = f32(0.0)
+    alike = f32(0.0)
+    direct = _block()
+    error_b = _block()
+    error_o = _block()
+    gain = _block()
+    still = _block()
+    other = _block()
+    ratio = _block()
+    for ahead in range(h + 2):
+        # products of five rows are kept, in turn: row r at r % 5 of each group of five
+        if ahead < h:
+            _products(image, background, ahead, rows, ahead % 5, 5 + ahead % 5)
+            _products(image, obj, ahead, rows, 10 + ahead % 5, 15 + ahead % 5)
+        y = ahead - 2
+        if y < 0:
+            continue
+        touched = y >= part[1] and y < part[3]
+        _slopes(background, y, rows, 20)
+        _add_five(rows, 0, y, h, w, 22)
+        _add_five(rows, 5, y, h, w, 23)
+        if touched:
+            _slopes(obj, y, rows, 21)
+            _add_five(rows, 10, y, h, w, 24)
+            _add_five(rows, 15, y, h, w, 25)
+        slot = y % 5
+        for first in range(0, w, _BLOCK):
+            m = smaller(w - first, _BLOCK)
+            unknown = 0
+            for i in range(m):
+                unknown += 1 if counts[0, y, first + i] < KNOWN else 0
+                error_o[i] = 5.0
+                still[i] = 1e9
+                other[i] = 1e9
+            if unknown > 0:
+                for i in range(m):
+                    x = first + i
+                    if counts[0, y, x] < KNOWN:
+                        d0 = image[y, x, 0] - moved[y, x, 0]
+                        d1 = image[y, x, 1] - moved[y, x, 1]
+                        d2 = image[y, x, 2] - moved[y, x, 2]
+                        still[i] = d0 * d0 + d1 * d1 + d2 * d2
+                        d0 = image[y, x, 0] - carried[y, x, 0]
+                        d1 = image[y, x, 1] - carried[y, x, 1]
+                        d2 = image[y, x, 2] - carried[y, x, 2]
+                        other[i] = d0 * d0 + d1 * d1 + d2 * d2
+            for i in range(m):
+                x = first + i
+                n = counts[0, y, x]
+                ib = rows[slot, x]
+                bb = rows[5 + slot, x]
+                i0 = image[y, x, 0]
+                i1 = image[y, x, 1]
+                i2 = image[y, x, 2]
+                ii = i0 * i0 + i1 * i1 + i2 * i2
+                crossed = rows[22, x] + rows[22, x + 1] + rows[22, x + 2] + rows[22, x + 3] + rows[22, x + 4]
+                squared = rows[23, x] + rows[23, x + 1] + rows[23, x + 2] + rows[23, x + 3] + rows[23, x + 4]
+                g = (crossed + f32(1250.0)) / (squared + f32(1250.0))
+                g = smaller(larger(g, f32(0.35)), f32(2.5))
+                grad = rows[20, x]
+                var = noise2 * (f32(1.0) + f32(1.0) / larger(n, f32(1.0))) + tau_b * grad
+                per = unit / var
+                plain = larger(ii - f32(2.0) * ib + bb, f32(0.0)) * per
                 # a shadow leaves the texture: where there is some, to be explained that way is no accident, unless
                 # there is so much noise that a dark object would do as well
-                error_b = smaller(error_b, egb * unit + larger(2.0, 0.8 * noise) / (1.0 + grad_b / noise2))
-            elif gain_b > 1.03:
-                lifted = kappa * mean / (var_b + 0.0025 * b2 * mean)
-                error_b = smaller(error_b, egb * lifted + 3.0)
-            if n < KNOWN:
-                still = em * kappa * mean / (2.0 * noise2 + tau_b * grad_b)
-                out[4, y, x] = still
-                error_b = smaller(error_b, still)
-            error_o = smaller(eo, ego + var_o / (kappa * mean)) * kappa * mean / var_o
-            if n < KNOWN:
-                # the background may be explained by the last frame here, so the object may be too: a plain area
-                # looks as it looked a moment ago with either motion
-                error_o = smaller(error_o, ec * kappa * mean / (2.0 * noise2 + tau_o * grad_o * mean / 4.0))
-            if s < -0.5:
-                error_o = 5.0  # its appearance there is unknown
-            ceiling = 9.0 if n >= KNOWN else 4.0
-            ll = 0.5 * (smaller(error_b, ceiling) - smaller(error_o, 5.0))
-            if n >= KNOWN and error_b < 4.0:
-                ll -= 0.8 * contrast * (1.0 - error_b / 4.0)
-            if contrast < 0.99 and ll < 0.0 and n < 7.0 and s > 0.0:
-                ll *= contrast
-            if occluded > 0.0 and n > KNOWN and error_b < 2.0:
-                ll = smaller(ll, -1.5)
-            if error_b >= 7.2 and n > KNOWN and counts[2, y, x] <= 4.0:
-                fresh[y, x] = 1
-            out[0, y, x] = ll
-            out[1, y, x] = error_b
-    if own:
-        alike /= own
-    return alike
+                lit = larger(ii - f32(2.0) * g * ib + g * g * bb, f32(0.0))
+                shaded = lit * per + texture * noise2 / (noise2 + grad)
+                lifted = lit * unit / (var + f32(0.0025) * _THIRD * bb) + f32(3.0)
+                e = plain
+                e = smaller(e, shaded) if g < f32(0.97) else e
+                e = smaller(e, lifted) if g > f32(1.03) else e
+                rest = still[i] * unit / (f32(2.0) * noise2 + tau_b * grad)
+                direct[i] = plain
+                gain[i] = g
+                still[i] = rest
+                error_b[i] = smaller(np.float64(e), rest)
+            if touched:
+                low = larger(part[0] - first, 0)
+                high = smaller(part[2] - first, m)
+                for i in range(low, high):
+                    x = first + i
+                    io = rows[10 + slot, x]
+                    oo = rows[15 + slot, x]
+                    i0 = image[y, x, 0]
+                    i1 = image[y, x, 1]
+                    i2 = image[y, x, 2]
+                    ii = i0 * i0 + i1 * i1 + i2 * i2
+                    crossed = rows[24, x] + rows[24, x + 1] + rows[24, x + 2] + rows[24, x + 3] + rows[24, x + 4]
+                    squared = rows[25, x] + rows[25, x + 1] + rows[25, x + 2] + rows[25, x + 3] + rows[25, x + 4]
+                    g = (crossed + f32(1250.0)) / (squared + f32(1250.0))
+                    g = smaller(larger(g, f32(0.6)), f32(1.7))
+                    plain = larger(ii - f32(2.0) * io + oo, f32(0.0))
+                    lit = larger(ii - f32(2.0) * g * io + g * g * oo, f32(0.0))
+                    grad = tau_o * rows[21, x]
+                    var = f32(1.5) * noise2 + grad
+                    e = smaller(plain, lit + var / unit) * unit / var
+                    # where the background may be explained by the last frame, the object may be too: a plain area
+                    # looks as it looked a moment ago with either motion
+                    last = other[i] * unit / (f32(2.0) * noise2 + grad)
+                    s = warped[y, x]
+                    error_o[i] = smaller(np.float64(e), last) if s >= f32(-0.5) else 5.0
+                    mine = f32(1.0) if s > f32(0.0) else f32(0.0)
+                    own += mine
+                    alike += mine if smaller(plain, f32(4.0) * lit) < like else f32(0.0)
+            for i in range(m):
+                x = first + i
+                n = counts[0, y, x]
+                s = warped[y, x]
+                known = n >= KNOWN
+                e = error_b[i]
+                ll = 0.5 * (smaller(e, 9.0 if known else 4.0) - smaller(error_o[i], 5.0))
+                as_ever = 0.8 * contrast * (1.0 - 0.25 * e)
+                ll -= as_ever if known & (e < 4.0) else 0.0
+                ll *= contrast if (contrast < 0.99) & (ll < 0.0) & (n < 7.0) & (s > 0.0) else 1.0
+                ll = smaller(ll, -1.5) if (occluded > 0.0) & (n > KNOWN) & (e < 2.0) else ll
+                far = (s < -2.5) & known & (direct[i] < 2.0)  # far from the object and as ever
+                ratio[i] = 0.5 * (direct[i] - 5.0) if far else ll
+                error_b[i] = direct[i] if far else e
+                still[i] = 0.0 if known else still[i]
+            for i in range(m):
+                out[0, y, first + i] = ratio[i]
+            for i in range(m):
+                out[1, y, first + i] = error_b[i]
+            for i in range(m):
+                out[2, y, first + i] = gain[i]
+            for i in range(m):
+                out[3, y, first + i] = still[i]
+            for i in range(m):
+                x = first + i
+                new = (error_b[i] >= 7.2) & (counts[0, y, x] > KNOWN) & (counts[2, y, x] <= 4.0)
+                fresh[y, x] = 1 if new else 0
+        for x in range(w):
+            if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
+                fresh[y, x] = 0
+                out[0, y, x] = -2.0
+                out[1, y, x] = 0.0
+                out[2, y, x] = 1.0
+                out[3, y, x] = 0.0
+    return float(alike / larger(own, f32(1.0)))
 
 
 @fast_kernel
@@ -180,27 +258,48 @@ def label(
     `ratio` is the log-ratio of the colour histograms per bin, clipped; `bins` receives each pixel's bin.
     """
     h, w, channels = image.shape
+    if channels != 3:
+        return
+    weight = f32(trust)
     for y in range(h):
         for x in range(w):
-            if channels == 3:
-                blue = np.int64(image[y, x, 0])
-                green = np.int64(image[y, x, 1])
-                red = np.int64(image[y, x, 2])
-                b = ((blue >> 5) << 6) + ((green >> 5) << 3) + (red >> 5)
-            else:
-                b = np.int64(image[y, x, 0]) >> 3
-            bins[y, x] = b
+            blue = np.int32(image[y, x, 0])
+            green = np.int32(image[y, x, 1])
+            red = np.int32(image[y, x, 2])
+            bins[y, x] = ((blue >> 5) << 6) + ((green >> 5) << 3) + (red >> 5)
+        for x in range(w):
+            e = ll[y, x]
             s = warped[y, x]
-            if grown[y, x] == 1:
-                ll[y, x] = larger(ll[y, x], 2.0)
-                s = larger(s, -0.5)
-            elif grown[y, x] == 3:
-                ll[y, x] = smaller(ll[y, x], -2.0)
-                s = smaller(s, -1.0)
-            elif grown[y, x] == 2 and s < 1.0:
-                ll[y, x] = smaller(ll[y, x], -1.0)
-            p = 0.9 * s + 0.7 * ll[y, x] + trust * ratio[b]
-            out[y, x] = smaller(larger(p, -5.0), 5.0)
+            kind = grown[y, x]
+            if kind != 0:
+                if kind == 1:
+                    e = larger(e, f32(2.0))
+                    s = larger(s, f32(-0.5))
+                elif kind == 3:
+                    e = smaller(e, f32(-2.0))
+                    s = smaller(s, f32(-1.0))
+                elif s < f32(1.0):
+                    e = smaller(e, f32(-1.0))
+                ll[y, x] = e
+            p = f32(0.9) * s + f32(0.7) * e + weight * ratio[np.int64(bins[y, x])]
+            out[y, x] = smaller(larger(p, f32(-5.0)), f32(5.0))
+
+
+@fast_part
+def _mean_round(image, mask, wanted, y, x):
+    """Mean colour of the pixels within 3 px of (x, y) that are in the mask, or that are not; and their number."""
+    h, w = mask.shape
+    s0 = s1 = s2 = f32(0.0)
+    n = 0
+    for j in range(larger(y - 3, 0), smaller(y + 4, h)):
+        for i in range(larger(x - 3, 0), smaller(x + 4, w)):
+            if (mask[j, i] != 0) == wanted:
+                n += 1
+                s0 += image[j, i, 0]
+                s1 += image[j, i, 1]
+                s2 += image[j, i, 2]
+    share = f32(1.0) / f32(larger(n, 1))
+    return s0 * share, s1 * share, s2 * share, n
 
 
 @fast_kernel
@@ -213,160 +312,34 @@ def alpha_edge(
     pixels outside `wide` within 3 px.
     """
     h, w, channels = image.shape
-    inner = _three()
-    outer = _three()
+    if channels != 3 or background.shape[2] != 3:
+        return
+    flat = f32(36.0 * noise * noise + 100.0)
     for y in range(h):
         for x in range(w):
             if mask[y, x] == 0 or core[y, x] != 0:
                 continue
-            own = seen[y, x] >= KNOWN
-            n_in = n_out = 0
-            for c in range(channels):
-                inner[c] = 0.0
-                outer[c] = 0.0
-            for j in range(larger(y - 3, 0), smaller(y + 4, h)):
-                for i in range(larger(x - 3, 0), smaller(x + 4, w)):
-                    if core[j, i] != 0:
-                        n_in += 1
-                        for c in range(channels):
-                            inner[c] += image[j, i, c]
-                    elif not own and wide[j, i] == 0:
-                        n_out += 1
-                        for c in range(channels):
-                            outer[c] += image[j, i, c]
-            if n_in == 0 or (not own and n_out == 0):
-                continue
-            span = along = total = 0.0
-            for c in range(channels):
-                b = background[y, x, c] if own else outer[c] / n_out
-                d = inner[c] / n_in - b
-                e = image[y, x, c] - b
-                span += d * d
-                along += d * e
-                total += e * e
-            if span * (3.0 / channels) <= 36.0 * noise * noise + 100.0:
-                continue
-            alpha = along / span
-            if alpha < 0.7 and total - alpha * along < 0.15 * span:
-                odds[y, x] = smaller(odds[y, x], larger(8.0 * (alpha - 0.5), -3.0))
-
-
-@fast_kernel
-def learn(
-    image: Image,
-    aligned: Image,
-    mask: Mask,
-    near: Mask,
-    odds: Plane,
-    raw: Plane,
-    warped: Plane,
-    obj: Image,
-    shape: Plane,
-    errors: Image,
-    bins: Bins,
-    inside: Integers,
-    knobs: Row,
-    s_out: Plane,
-    o_out: Image,
-    m_out: Plane,
-    ground: Image,
-    counts: Image,
-    tally: Plane,
-    sample: Plane,
-    sums: Numbers,
-) -> None:
-    """What is remembered after a frame: log-odds, object layer, slow shape, background, colours.
-
-    `aligned` is the image on the background's own lattice. `near` is 1 within two pixels of the object, 2 on a
-    distractor elsewhere. `errors` is what :func:`evidence` wrote. `ground` (h, w, C) and `counts` (3, h, w: samples,
-    mismatches, age) are the background, updated in place. knobs = (shape rate, freeze, occluded). `tally` (2, bins)
-    receives the colour counts of object and background. `sums` receives (known pixels outside, of these unexplained,
-    85th percentile of |I − B| there); `sample` is a workspace for that.
-    """
-    h, w, channels = image.shape
-    shape_rate = knobs[0]
-    freeze = knobs[1]
-    occluded = knobs[2]
-    mean = 1.0 / channels
-    known = 0
-    strange = 0
-    taken = 0
-    for y in range(h):
-        for x in range(w):
-            m = mask[y, x] != 0
-            s = warped[y, x]
-            belief = odds[y, x]
-            if m:
-                s_new = larger(raw[y, x], 0.2)
-            else:
-                s_new = s + 0.5 * (belief - s)
-            s_out[y, x] = smaller(larger(s_new, -3.0), 4.0)
-            m_out[y, x] = shape[y, x]
-            if freeze == 0.0:
-                target = smaller(larger(belief + 0.5, 0.0), 1.0) if m else 0.0
-                m_out[y, x] += shape_rate * (target - shape[y, x])
-            rate = 0.0
-            if m:
-                if errors[0, y, x] > -0.3 and (occluded == 0.0 or errors[1, y, x] >= 4.0):
-                    d = 0.0
-                    for c in range(channels):
-                        d += image[y, x, c] - obj[y, x, c]
-                    # what has lit up that much is rather a highlight that moves on than the surface
-                    rate = 0.5 if d * mean < 25.0 else 0.1
-            elif freeze == 0.0:
-                rate = 1.0
-            for c in range(channels):
-                o = obj[y, x, c]
-                o_out[y, x, c] = o + rate * (image[y, x, c] - o)
-            if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
-                continue
-            n = counts[0, y, x]
-            free = near[y, x] != 1
-            if free:
-                tally[1, bins[y, x]] += 1.0
-            elif m and belief > 1.0:
-                tally[0, bins[y, x]] += 1.0
-            error = errors[1, y, x]
-            gain = errors[3, y, x]
-            if free and n >= KNOWN:
-                known += 1
-                if error > 5.0:
-                    strange += 1
-                if near[y, x] == 0 and (x + 2 * y) % 7 == 0 and taken < sample.shape[1]:
-                    # in shadow, by what the shadow leaves unexplained
-                    light = gain if gain < 0.9 or gain > 1.1 else 1.0
-                    d = 0.0
-                    for c in range(channels):
-                        d += abs(aligned[y, x, c] - light * ground[y, x, c])
-                    sample[0, taken] = d * mean
-                    taken += 1
-            if not m and error < 4.0 and n >= KNOWN:
-                counts[2, y, x] = 0.0
-            else:
-                counts[2, y, x] += 1.0
-            if not free or belief >= -1.0:
-                continue
-            if n < KNOWN and errors[4, y, x] >= 4.0:
-                n = 0.0  # something moves here: begin again
-            if n >= KNOWN and error >= 6.0:
-                bad = counts[1, y, x] + 1.0
-                counts[1, y, x] = bad
-                if bad < 6.0 or (bad < 25.0 and (gain < 0.93 or gain > 1.07)):
+            known = seen[y, x] >= KNOWN
+            b0 = background[y, x, 0]
+            b1 = background[y, x, 1]
+            b2 = background[y, x, 2]
+            if not known:
+                b0, b1, b2, count = _mean_round(image, wide, False, y, x)
+                if count == 0:
                     continue
-                n = 0.0
-            else:
-                counts[1, y, x] = 0.0
-            if n >= KNOWN and gain <= 0.93:
+            o0, o1, o2, count = _mean_round(image, core, True, y, x)
+            if count == 0:
                 continue
-            if n >= KNOWN and gain > 1.07:
-                n = 0.0
-            rate = larger(1.0 / (n + 1.0), 0.06)
-            if n >= KNOWN and gain < 0.985:
-                rate = smaller(rate, 0.02)
-            for c in range(channels):
-                b = ground[y, x, c]
-                ground[y, x, c] = b + rate * (aligned[y, x, c] - b)
-            counts[0, y, x] = smaller(n + 1.0, 20.0)
-    sums[0] = known
-    sums[1] = strange
-    sums[2] = select(sample[0], taken, 0.85) if taken > 10 else -1.0
+            o0 -= b0
+            o1 -= b1
+            o2 -= b2
+            e0 = image[y, x, 0] - b0
+            e1 = image[y, x, 1] - b1
+            e2 = image[y, x, 2] - b2
+            span = o0 * o0 + o1 * o1 + o2 * o2
+            if span <= flat:
+                continue
+            alpha = (o0 * e0 + o1 * e1 + o2 * e2) / span
+            rest = e0 * e0 + e1 * e1 + e2 * e2 - alpha * alpha * span
+            if alpha < f32(0.7) and rest < f32(0.15) * span:
+                odds[y, x] = smaller(odds[y, x], larger(f32(8.0) * (alpha - f32(0.5)), f32(-3.0)))
