@@ -27,7 +27,7 @@ class Expected(NamedTuple):
     background : image of the background memory.
     moved, carried : the last frame, moved by the camera and by the object's motion.
     seen : samples behind each background pixel.
-    odds, shape, obj : the object's log-odds, shape and image, moved by its motion.
+    odds, own, shape, obj : the object's log-odds, {odds > 0}, shape and image, moved by its motion.
     part : (x0, y0, x1, y1), where `obj` and `carried` are known; nothing outside can be the object but what is new.
     """
 
@@ -36,6 +36,7 @@ class Expected(NamedTuple):
     carried: Image
     seen: Plane
     odds: Plane
+    own: masks.Mask
     shape: Plane
     obj: Image
     part: NDArray[np.int64]
@@ -56,7 +57,7 @@ class Labels(NamedTuple):
     odds: Plane
     raw: Plane
     errors: NDArray[np.float32]
-    distractor: masks.Mask
+    distractor: masks.Mask | None
     bins: NDArray[np.int16]
 
 
@@ -65,13 +66,14 @@ def expect(state: LayersState, moves: motion.Moves) -> Expected:
     h, w = state.odds.shape
     hidden = state.occlusion.occluded or state.occlusion.coasting > 0 or state.occlusion.suspected > 0
     # it may be looked for elsewhere, or be told from a second mover
-    everywhere = bool(hidden or state.distractor.any())
+    everywhere = hidden or state.distractor is not None
     part = _whole(h, w) if everywhere else _reach(moves, h, w)
     carried, obj = np.empty_like(state.previous), np.empty_like(state.obj)
-    odds, shape = np.empty_like(state.odds), np.empty_like(state.shape)
+    odds, shape, own = np.empty_like(state.odds), np.empty_like(state.shape), np.empty((h, w), np.uint8)
     carry(
         state.previous, state.obj, state.odds, state.shape, moves.atlas.counts,
         motion.inverse_matrix(moves.theta, moves.grid), part, everywhere, carried, obj, odds, shape,
+        own,
     )  # fmt: skip
     return Expected(
         background=translated(moves.atlas.image, *moves.atlas.offset),
@@ -79,6 +81,7 @@ def expect(state: LayersState, moves: motion.Moves) -> Expected:
         carried=carried,
         seen=moves.atlas.counts[0],
         odds=odds,
+        own=own,
         shape=shape,
         obj=obj,
         part=part,
@@ -93,6 +96,7 @@ def expect_nothing(state: LayersState, view: View, moves: motion.Moves, odds: Pl
         carried=view.image,
         seen=moves.atlas.counts[0],
         odds=odds,
+        own=(odds > 0).view(np.uint8),
         shape=(odds > 0).astype(np.float32),
         obj=view.image,
         part=_whole(*odds.shape),
@@ -116,6 +120,7 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
     dx, dy = -shift[0], -shift[1]
     h, w = expected.odds.shape
     return expected._replace(
+        own=shifted(expected.own, dx, dy, (h, w), 0),
         odds=shifted(expected.odds, dx, dy, (h, w), -3.0),
         shape=shifted(expected.shape, dx, dy, (h, w), 0.0),
         obj=shifted(expected.obj, dx, dy, (h, w), 0.0),
@@ -139,7 +144,7 @@ def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Move
     return Evidence(errors, fresh, float(alike))
 
 
-def in_front(state: LayersState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask:
+def in_front(state: LayersState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask | None:
     """Where the distractor of the last frame hides the object in this one."""
     return masks.follow_distractor(
         state.distractor, moves.flow, state.previous, view.image, expected.obj, state.noise
@@ -152,27 +157,26 @@ def assign(
     expected: Expected,
     moves: motion.Moves,
     seen: Evidence,
-    hiding: masks.Mask,
+    hiding: masks.Mask | None,
     params: LayersParams,
 ) -> Labels:
     """Mask of the object from the evidence; the ratio is changed where the object grows or something else arrives."""
     h, w = view.gray.shape
     errors, fresh, _ = seen
-    grown, distractor = masks.grow(fresh, expected.odds, state.distractor, state.count)
-    if state.occlusion.occluded or state.occlusion.coasting:
-        distractor = np.zeros_like(distractor)  # what comes out from behind something may be the object itself
+    grown, distractor = masks.grow(fresh, expected.own, state.distractor, state.count)
+    if distractor is not None and (state.occlusion.occluded or state.occlusion.coasting):
+        distractor = None  # what comes out from behind something may be the object itself
         grown[grown == 2] = 0
-    distractor |= hiding
-    grown[hiding != 0] = 3
+    if hiding is not None:
+        distractor = hiding if distractor is None else distractor | hiding
+        grown[hiding != 0] = 3
     ratio, trust = colour.likelihood(state.colours, params.colour_weight)
-    bins = np.empty((h, w), np.int16)
-    raw = np.empty((h, w), np.float32)
+    bins, raw = np.empty((h, w), np.int16), np.empty((h, w), np.float32)
     label(view.image, expected.odds, errors[0], grown, ratio, trust, bins, raw)
-    odds = raw.copy()
-    mask = masks.component(odds, expected.odds)
-    odds[(odds > 0) & (mask == 0)] = -1.0
-    if distractor.any():
+    mask = masks.component(raw, expected.own)
+    odds = np.where((raw > 0) > mask, np.float32(-1.0), raw)
+    if distractor is not None:
         foreign = (distractor != 0) & (expected.odds < 1.0)
         odds[foreign] = np.minimum(odds[foreign], np.float32(-2.0))
-    mask = masks.refine_edge(view.image, expected.background, expected.seen, mask, odds, state.noise)
+    mask, odds = masks.refine_edge(view.image, expected.background, expected.seen, mask, odds, state.noise)
     return Labels(mask, odds, raw, errors, distractor, bins)

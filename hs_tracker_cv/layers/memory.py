@@ -14,7 +14,7 @@ from . import mask as masks
 from .kernels import KNOWN, label, learn, shift_object
 from .labelling import Expected, Labels
 from .state import Atlas, Image, LayersState, Plane
-from .window import Picture, View, transformed, translated
+from .window import Picture, View, shifted, transformed, translated
 
 __all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
 
@@ -94,8 +94,8 @@ def learn_frame(
     """
     atlas = moves.atlas
     aligned = translated(view.image, -atlas.offset[0], -atlas.offset[1])
-    near = masks.dilate(labels.mask | (expected.odds > 0).view(np.uint8), 5)
-    if labels.distractor.any():  # a second mover is neither ground to be learned nor noise
+    near = masks.dilate(labels.mask | expected.own, 5)
+    if labels.distractor is not None:  # a second mover is neither ground to be learned nor noise
         near[(labels.distractor != 0) & (near == 0)] = 2
     odds, shape = np.empty_like(expected.odds), np.empty_like(expected.shape)
     obj, picture, counts = np.empty_like(expected.obj), np.empty_like(atlas.image), np.empty_like(atlas.counts)
@@ -129,11 +129,9 @@ def move(state: LayersState, picture: Picture, origin: tuple[int, int]) -> Layer
     if (dx, dy) == (0, 0) and gray.shape == state.odds.shape:
         return state.replace(previous=image, gray=gray)
     odds, shape, obj = np.empty_like(gray), np.empty_like(gray), np.empty_like(image)
-    distractor, visible = np.empty(gray.shape, np.uint8), np.empty(gray.shape, np.uint8)
-    shift_object(
-        state.odds, state.shape, state.obj, state.distractor, state.visible, dx, dy,
-        odds, shape, obj, distractor, visible,
-    )  # fmt: skip
+    visible = np.empty(gray.shape, np.uint8)
+    shift_object(state.odds, state.shape, state.obj, state.visible, dx, dy, odds, shape, obj, visible)
+    distractor = None if state.distractor is None else shifted(state.distractor, dx, dy, gray.shape, 0)
     return state.replace(
         origin=origin,
         previous=image,
@@ -174,7 +172,7 @@ def rescale(state: LayersState, step: int) -> LayersState:
         odds=resample(state.odds),
         shape=resample(state.shape),
         obj=resample(state.obj),
-        distractor=pick(state.distractor),
+        distractor=None if state.distractor is None else pick(state.distractor),
         visible=pick(state.visible),
         atlas=Atlas(resample(state.atlas.image), counts, offset),
         occlusion=state.occlusion.rescaled(ratio),

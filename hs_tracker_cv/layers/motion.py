@@ -219,11 +219,11 @@ def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tupl
 
 def _solver(levels: int, params: LayersParams) -> Any:
     """One flow solver per thread and setting: it owns a workspace, which threads must not share."""
-    from ..flow import HornSchunck
-
     cache = _LOCAL.__dict__.setdefault("solvers", {})
     key = (levels, params.smoothness, params.warps)
     if key not in cache:
+        from ..flow import HornSchunck
+
         cache[key] = HornSchunck(
             "fast", smoothness=params.smoothness, levels=levels, warps=params.warps, ratio=0.5, iterations=5, gain=1.0
         )

@@ -12,6 +12,7 @@ from .common import FAR_OFF, KNOWN
 from .labelling import alpha_edge, evidence, label
 from .memory import blend_colours, learn
 from .registration import collect, fit_affine, gauss_newton, median_flow, search_shift, start_flow
+from .shapes import extremes, overlap, spread
 from .windows import carry, open_ground, outline, resample, shift_ground, shift_object, smooth
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "carry",
     "collect",
     "evidence",
+    "extremes",
     "fit_affine",
     "gauss_newton",
     "label",
@@ -29,10 +31,12 @@ __all__ = [
     "median_flow",
     "open_ground",
     "outline",
+    "overlap",
     "resample",
     "search_shift",
     "shift_ground",
     "shift_object",
     "smooth",
+    "spread",
     "start_flow",
 ]

@@ -28,28 +28,27 @@ def _products(a, b, y, rows, first, second):
 
 
 @fast_part
-def _slope(a, y, x, left, right, up, down):
-    """Mean over the channels of the squared gradient; up and down, left and right are the neighbours."""
-    gx0 = a[y, right, 0] - a[y, left, 0]
-    gx1 = a[y, right, 1] - a[y, left, 1]
-    gx2 = a[y, right, 2] - a[y, left, 2]
-    gy0 = a[down, x, 0] - a[up, x, 0]
-    gy1 = a[down, x, 1] - a[up, x, 1]
-    gy2 = a[down, x, 2] - a[up, x, 2]
-    # (difference over two pixels)² is four times the gradient squared
-    return (gx0 * gx0 + gx1 * gx1 + gx2 * gx2 + gy0 * gy0 + gy1 * gy1 + gy2 * gy2) * (_THIRD * f32(0.25))
-
-
-@fast_part
 def _slopes(a, y, rows, target):
-    """The same along a row."""
+    """Mean over the channels of the squared gradient along a row."""
     h, w, _ = a.shape
     up = larger(y - 1, 0)
     down = smaller(y + 1, h - 1)
-    rows[target, 0] = _slope(a, y, 0, 0, 1, up, down)
+    unit = _THIRD * f32(0.25)  # (difference over two pixels)² is four times the gradient squared
+    for x in range(w):
+        d0 = a[down, x, 0] - a[up, x, 0]
+        d1 = a[down, x, 1] - a[up, x, 1]
+        d2 = a[down, x, 2] - a[up, x, 2]
+        rows[target, x] = unit * (d0 * d0 + d1 * d1 + d2 * d2)
     for x in range(1, w - 1):
-        rows[target, x] = _slope(a, y, x, x - 1, x + 1, up, down)
-    rows[target, w - 1] = _slope(a, y, w - 1, w - 2, w - 1, up, down)
+        d0 = a[y, x + 1, 0] - a[y, x - 1, 0]
+        d1 = a[y, x + 1, 1] - a[y, x - 1, 1]
+        d2 = a[y, x + 1, 2] - a[y, x - 1, 2]
+        rows[target, x] += unit * (d0 * d0 + d1 * d1 + d2 * d2)
+    for c in range(3):
+        first = a[y, 1, c] - a[y, 0, c]
+        last = a[y, w - 1, c] - a[y, w - 2, c]
+        rows[target, 0] += unit * first * first
+        rows[target, w - 1] += unit * last * last
 
 
 @fast_part
@@ -304,18 +303,32 @@ def _mean_round(image, mask, wanted, y, x):
 
 @fast_kernel
 def alpha_edge(
-    image: Image, background: Image, seen: Plane, core: Mask, wide: Mask, mask: Mask, noise: float, odds: Plane
-) -> None:
+    image: Image,
+    background: Image,
+    seen: Plane,
+    core: Mask,
+    wide: Mask,
+    mask: Mask,
+    noise: float,
+    odds: Plane,
+    odds_out: Plane,
+    kept: Mask,
+) -> tuple[int, int]:
     """Mixed pixels of the mask's edge: α of I = α o + (1 − α) b, and the odds lowered where α says background.
+
+    `kept` is what is left of the mask. Returns its number of pixels before and after.
 
     o is the mean of the `core` pixels within 3 px, b the background, or, where that was never seen, the mean of the
     pixels outside `wide` within 3 px.
     """
     h, w, channels = image.shape
     if channels != 3 or background.shape[2] != 3:
-        return
+        return 0, 0
     flat = f32(36.0 * noise * noise + 100.0)
+    before = after = 0
     for y in range(h):
+        for x in range(w):
+            odds_out[y, x] = odds[y, x]
         for x in range(w):
             if mask[y, x] == 0 or core[y, x] != 0:
                 continue
@@ -342,4 +355,10 @@ def alpha_edge(
             alpha = (o0 * e0 + o1 * e1 + o2 * e2) / span
             rest = e0 * e0 + e1 * e1 + e2 * e2 - alpha * alpha * span
             if alpha < f32(0.7) and rest < f32(0.15) * span:
-                odds[y, x] = smaller(odds[y, x], larger(f32(8.0) * (alpha - f32(0.5)), f32(-3.0)))
+                odds_out[y, x] = smaller(odds[y, x], larger(f32(8.0) * (alpha - f32(0.5)), f32(-3.0)))
+        for x in range(w):
+            left = mask[y, x] if odds_out[y, x] > f32(0.0) else 0
+            kept[y, x] = left
+            before += mask[y, x]
+            after += left
+    return before, after

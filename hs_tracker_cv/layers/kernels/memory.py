@@ -47,7 +47,7 @@ def learn(
     `aligned` is the image on the background's own lattice. `near` is 1 within two pixels of the object, 2 on a
     distractor elsewhere. `errors` is what :func:`evidence` wrote, `part` where the object layer has been warped.
     `ground` (h, w, C) and `counts` (3, h, w: samples, mismatches, age) are the background. knobs = (shape rate,
-    freeze, occluded). `tally` (2, bins) receives the colour counts of object and background. `sums` receives (known
+    freeze, occluded). `tally` (2, bins) receives the colour counts of object and background, from every second pixel. `sums` receives (known
     pixels outside, of these unexplained, 85th percentile of |I − B| there); `sample` is a workspace for that.
     """
     h, w, channels = image.shape
@@ -150,7 +150,7 @@ def learn(
                 ground_out[y, x, 2] = ground[y, x, 2] + rate * (aligned[y, x, 2] - ground[y, x, 2])
         if not seen:
             continue
-        for x in range(inside[0], inside[2]):
+        for x in range(inside[0] + (inside[0] + y) % 2, inside[2], 2):
             if near[y, x] != 1:
                 tally[1, np.int64(bins[y, x])] += 1.0
             elif mask[y, x] != 0 and odds[y, x] > f32(1.0):

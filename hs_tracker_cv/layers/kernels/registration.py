@@ -87,10 +87,10 @@ def gauss_newton(
 ) -> float:
     """Register the listed points in `image`: minimise Σ w ρ(I(p + a(p)) − g R(p) − b) over theta = (a, g, b).
 
-    In place. `points` and `count` are from :func:`collect`. theta[6] is 100 (g − 1), theta[7] is b. `prior` holds the diagonal
-    ridge towards the start value, per unit of weight. ρ has the weights (1 + (e / scale)²)⁻². It ends early when
-    there is nothing left to gain. Returns the mean of min(|e|, ceiling) at the end (1e9 when less than a quarter of
-    the weight is in the frame); costs[0] is the same at the start. With no iterations that is all it does.
+    In place. `points` and `count` are from :func:`collect`. theta[6] is 100 (g − 1), theta[7] is b. `prior` holds the
+    diagonal ridge towards the start value, per unit of weight. ρ has the weights (1 + (e / scale)²)⁻². It ends early
+    when there is nothing left to gain. Returns the mean of min(|e|, ceiling) at the end (1e9 when less than a quarter
+    of the weight is in the frame); costs[0] is the same at the start. With no iterations that is all it does.
     """
     # Blocks of points: what is looked up pixel by pixel goes to short rows, and all arithmetic is on those rows.
     # Each is an array of its own, so that LLVM sees that they don't overlap.

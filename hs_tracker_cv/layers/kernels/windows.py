@@ -121,11 +121,13 @@ def carry(
     obj_out: Image,
     odds_out: Plane,
     shape_out: Plane,
+    own_out: Mask,
 ) -> None:
     """Move what belongs to the object, in `part` (x0, y0, x1, y1) of the window, as :func:`resample` does.
 
     Images repeat their border, the planes are −3 and 0 beyond theirs; outside `part` images are 0 and planes the same
-    as beyond. The previous image is moved only where the background is not yet known, unless `everywhere`.
+    as beyond. `own_out` is 1 where the log-odds are positive. The previous image is moved only where the background
+    is not yet known, unless `everywhere`.
     """
     h, w, channels = obj.shape
     if channels != 3 or previous.shape[2] != 3 or obj_out.shape[2] != 3 or previous_out.shape[2] != 3:
@@ -139,6 +141,8 @@ def carry(
             odds_out[y, x] = f32(-3.0)
         for x in range(w):
             shape_out[y, x] = f32(0.0)
+        for x in range(w):
+            own_out[y, x] = 0
         for x in range(w):
             for c in range(3):
                 obj_out[y, x, c] = f32(0.0)
@@ -162,7 +166,9 @@ def carry(
             cover = larger(f32(1.0) - abs(wanted_x - px), f32(0.0)) * larger(f32(1.0) - abs(wanted_y - py), f32(0.0))
             a = odds[iy, ix] + fx * (odds[iy, ix + 1] - odds[iy, ix])
             b = odds[iy + 1, ix] + fx * (odds[iy + 1, ix + 1] - odds[iy + 1, ix])
-            odds_out[y, x] = cover * (a + fy * (b - a) + f32(3.0)) - f32(3.0)
+            s = cover * (a + fy * (b - a) + f32(3.0)) - f32(3.0)
+            odds_out[y, x] = s
+            own_out[y, x] = 1 if s > f32(0.0) else 0
             a = shape[iy, ix] + fx * (shape[iy, ix + 1] - shape[iy, ix])
             b = shape[iy + 1, ix] + fx * (shape[iy + 1, ix + 1] - shape[iy + 1, ix])
             shape_out[y, x] = cover * (a + fy * (b - a))
@@ -218,14 +224,12 @@ def shift_object(
     odds: Plane,
     shape: Plane,
     obj: Image,
-    distractor: Mask,
     visible: Mask,
     dx: int,
     dy: int,
     odds_out: Plane,
     shape_out: Plane,
     obj_out: Image,
-    distractor_out: Mask,
     visible_out: Mask,
 ) -> None:
     """Copy what is known of the object into a window whose pixel (i, j) is (i + dx, j + dy) here."""
@@ -242,7 +246,6 @@ def shift_object(
         _copy(odds, row, dx, x0, x1, f32(-3.0), odds_out, y)
         _copy(shape, row, dx, x0, x1, f32(0.0), shape_out, y)
         _copy_image(obj, row, dx, x0, x1, obj_out, y)
-        _copy(distractor, row, dx, x0, x1, 0, distractor_out, y)
         _copy(visible, row, dx, x0, x1, 0, visible_out, y)
 
 
