@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import FAR_OFF, KNOWN, gauss_newton, median_flow
+from .kernels import FAR_OFF, median_flow, open_ground, shift_ground
+from .registration import list_points, misfit, refine
 from .state import Atlas, Image, Plane
-from .window import shifted
 
-__all__ = ["Background", "camera_from_flow", "fill_new", "move", "register"]
+__all__ = ["Background", "camera_from_flow", "move", "register"]
 
 _PIXELS = 1000
 _FEWEST = 60  # fewer pixels say nothing about the camera
@@ -35,12 +34,13 @@ def camera_from_flow(
     if 16 * n < _FEWEST:
         return last
     u, v = medians
-    return (0.0, 0.0) if np.hypot(u, v) < 0.12 else (float(u), float(v))
+    return (0.0, 0.0) if math.hypot(u, v) < 0.12 else (float(u), float(v))
 
 
 def register(
     atlas: Atlas,
     image: Image,
+    odds: Plane,
     near: NDArray[np.uint8],
     camera: tuple[float, float],
     noise: float,
@@ -49,70 +49,55 @@ def register(
     """Find where the atlas lies in this frame, and its brightness; move it there by whole pixels.
 
     Against the atlas, not the previous frame, so that errors don't add up. "The camera stood still" wins ties:
-    otherwise noise slowly blurs the atlas.
+    otherwise noise slowly blurs the atlas. `odds` of the object say what the atlas may learn where it has nothing.
     """
     h, w, _ = image.shape
-    picture = atlas.image
+    used = np.empty((h, w), np.float32)
+    area = open_ground(near, atlas.counts, used)
     grid = np.array((w / 2, h / 2, max(h, w) / 2))
-    outside = (near == 0) & (atlas.counts[0] >= KNOWN)
-    used = outside.astype(np.float32)
-    stride = max(1, round(np.count_nonzero(outside) / _PIXELS))
-    nothing = np.zeros(8)
-    prior = np.full(8, 1e6)
-    prior[[0, 3]] = 0.02 * noise * noise
-    prior[6] = 1.0
-
-    def cost(theta: NDArray[np.float64]) -> float:
-        return float(gauss_newton(image, picture, used, grid, theta, nothing, 1.0, FAR_OFF, 0, stride, inside))
-
+    points = list_points(atlas.image, used, grid, area, _PIXELS)
     still, moved = np.zeros(8), np.zeros(8)
-    still[[0, 3]] = atlas.offset
-    moved[[0, 3]] = atlas.offset[0] + camera[0], atlas.offset[1] + camera[1]
-    best, best_cost = still, cost(still)
-    if camera != (0.0, 0.0) and (moved_cost := cost(moved)) < best_cost:
-        best, best_cost = moved, moved_cost
-    refined = best.copy()
-    refined_cost = float(
-        gauss_newton(image, picture, used, grid, refined, prior, 3.0 * noise, FAR_OFF, 3, stride, inside)
-    )
-    if refined_cost <= best_cost and np.hypot(refined[0] - best[0], refined[3] - best[3]) < 2.0:
-        best, best_cost = refined, refined_cost
-    still[6] = best[6]
-    if cost(still) <= 1.03 * best_cost + 0.02:
-        best = still
-    return _place(atlas, best)
+    still[0], still[3] = atlas.offset
+    moved[0], moved[3] = atlas.offset[0] + camera[0], atlas.offset[1] + camera[1]
+    start = still
+    if camera != (0.0, 0.0):
+        unmoved = misfit(points, image, still, FAR_OFF, inside)
+        if misfit(points, image, moved, FAR_OFF, inside) < unmoved:
+            start = moved
+    strength = 0.02 * noise * noise
+    prior = np.array((strength, 1e6, 1e6, strength, 1e6, 1e6, 1.0, 1e6))
+    theta, before, after = refine(points, image, start, prior, 3.0 * noise, FAR_OFF, inside)
+    best, cost = start, before
+    if after <= before and math.hypot(theta[0] - start[0], theta[3] - start[3]) < 2.0:
+        best, cost = theta, after
+    if best is not still:
+        still[6] = best[6]
+        if misfit(points, image, still, FAR_OFF, inside) <= 1.03 * cost + 0.02:
+            best = still
+    return _place(atlas, best, image, odds)
 
 
-def _place(atlas: Atlas, theta: NDArray[np.float64]) -> Background:
+def _place(atlas: Atlas, theta: NDArray[np.float64], image: Image, odds: Plane) -> Background:
     offset = []
-    for new, old in zip(theta[[0, 3]], atlas.offset, strict=True):
-        whole = float(np.round(new))
-        offset.append(whole if abs(new - whole) < 0.08 and abs(new - old) < 0.15 else float(new))
+    for new, old in zip((float(theta[0]), float(theta[3])), atlas.offset, strict=True):
+        whole = float(round(new))
+        offset.append(whole if abs(new - whole) < 0.08 and abs(new - old) < 0.15 else new)
     gain = min(max(1.0 + 0.01 * float(theta[6]), 0.5), 1.8)
+    if abs(gain - 1.0) <= 0.004:
+        gain = 1.0
     camera = (offset[0] - atlas.offset[0], offset[1] - atlas.offset[1])
     rx, ry = round(offset[0]), round(offset[1])
-    h, w = atlas.image.shape[:2]
-    atlas = move(Atlas(atlas.image, atlas.counts, (offset[0] - rx, offset[1] - ry)), -rx, -ry, (h, w))
-    if abs(gain - 1.0) > 0.004:
-        atlas = replace(atlas, image=atlas.image * np.float32(gain))
-    return Background(atlas, camera)
+    placed = Atlas(atlas.image, atlas.counts, (offset[0] - rx, offset[1] - ry))
+    return Background(move(placed, -rx, -ry, image, odds, gain), camera)
 
 
-def move(atlas: Atlas, dx: int, dy: int, size: tuple[int, int]) -> Atlas:
-    """Atlas in a window whose pixel (i, j) is (i + dx, j + dy) of this one; new pixels have −1 samples."""
-    if (dx, dy) == (0, 0) and size == atlas.image.shape[:2]:
+def move(atlas: Atlas, dx: int, dy: int, image: Image, odds: Plane, gain: float = 1.0) -> Atlas:
+    """Atlas in the window of `image`, whose pixel (i, j) is (i + dx, j + dy) of this one, made brighter by `gain`.
+
+    New pixels get the colour of `image`, taken as known, or unseen where the object may be by its `odds`.
+    """
+    if (dx, dy, gain) == (0, 0, 1.0) and image.shape == atlas.image.shape:
         return atlas
-    fills = (-1.0, 0.0, 0.0)
-    counts = np.stack([shifted(a, dx, dy, size, fill) for a, fill in zip(atlas.counts, fills, strict=True)])
-    return Atlas(shifted(atlas.image, dx, dy, size, 0.0), counts, atlas.offset)
-
-
-def fill_new(atlas: Atlas, image: Image, odds: Plane) -> Atlas:
-    """Give pixels without data this frame's colour, taken as known, or unseen where the object may be."""
-    new = atlas.counts[0] < 0
-    if not new.any():
-        return atlas
-    picture, counts = atlas.image.copy(), atlas.counts.copy()
-    cv2.copyTo(image, new.view(np.uint8), picture)
-    counts[0][new] = np.where(odds[new] < -1.0, KNOWN, 0)
+    picture, counts = np.empty_like(image), np.empty((3, *odds.shape), np.float32)
+    shift_ground(atlas.image, atlas.counts, dx, dy, gain, image, odds, picture, counts)
     return Atlas(picture, counts, atlas.offset)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from . import colour, motion
 from . import mask as masks
-from .kernels import evidence, label, local_products
+from .kernels import carry, evidence, label
 from .state import Image, LayersParams, LayersState, Plane
 from .window import View, shifted, translated
 
@@ -18,6 +17,7 @@ __all__ = ["Expected", "Labels", "assign", "displace", "expect", "expect_nothing
 
 _TAU_OBJECT = 0.35  # object layer: error per unit of gradient, px
 _TAU_WHOLE, _TAU_FRACTION = 0.15, 0.3  # background: camera on whole pixels or between
+_ROOM = 4  # px
 _KAPPA_COLOUR = 1.8  # three channels tell more than one, but not three times as much
 
 
@@ -27,7 +27,8 @@ class Expected(NamedTuple):
     background : image of the background memory.
     moved, carried : the last frame, moved by the camera and by the object's motion.
     seen : samples behind each background pixel.
-    odds, shape, obj : the object's log-odds, shape and image, moved by its motion.
+    odds, own, shape, obj : the object's log-odds, {odds > 0}, shape and image, moved by its motion.
+    part : (x0, y0, x1, y1), where `obj` and `carried` are known; nothing outside can be the object but what is new.
     """
 
     background: Image
@@ -35,12 +36,14 @@ class Expected(NamedTuple):
     carried: Image
     seen: Plane
     odds: Plane
+    own: masks.Mask
     shape: Plane
     obj: Image
+    part: NDArray[np.int64]
 
 
 class Evidence(NamedTuple):
-    """Planes (5, h, w) of `kernels.evidence`, where something is new, and how much of the object looks as it did."""
+    """Planes (4, h, w) of `kernels.evidence`, where something is new, and how much of the object looks as it did."""
 
     errors: NDArray[np.float32]
     fresh: masks.Mask
@@ -54,21 +57,34 @@ class Labels(NamedTuple):
     odds: Plane
     raw: Plane
     errors: NDArray[np.float32]
-    distractor: masks.Mask
+    distractor: masks.Mask | None
     bins: NDArray[np.int16]
 
 
-def expect(state: LayersState, view: View, moves: motion.Moves) -> Expected:
+def expect(state: LayersState, moves: motion.Moves) -> Expected:
     """Move both layers to this frame."""
-    theta, grid = moves.theta, moves.grid
+    h, w = state.odds.shape
+    hidden = state.occlusion.occluded or state.occlusion.coasting > 0 or state.occlusion.suspected > 0
+    # it may be looked for elsewhere, or be told from a second mover
+    everywhere = hidden or state.distractor is not None
+    part = _whole(h, w) if everywhere else _reach(moves, h, w)
+    carried, obj = np.empty_like(state.previous), np.empty_like(state.obj)
+    odds, shape, own = np.empty_like(state.odds), np.empty_like(state.shape), np.empty((h, w), np.uint8)
+    carry(
+        state.previous, state.obj, state.odds, state.shape, moves.atlas.counts,
+        motion.inverse_matrix(moves.theta, moves.grid), part, everywhere, carried, obj, odds, shape,
+        own,
+    )  # fmt: skip
     return Expected(
         background=translated(moves.atlas.image, *moves.atlas.offset),
         moved=translated(state.previous, *moves.camera),
-        carried=motion.warp(state.previous, theta, grid, None),
+        carried=carried,
         seen=moves.atlas.counts[0],
-        odds=motion.warp(state.odds, theta, grid, -3.0),
-        shape=motion.warp(state.shape, theta, grid, 0.0),
-        obj=motion.warp(state.obj, theta, grid, None),
+        odds=odds,
+        own=own,
+        shape=shape,
+        obj=obj,
+        part=part,
     )
 
 
@@ -80,9 +96,23 @@ def expect_nothing(state: LayersState, view: View, moves: motion.Moves, odds: Pl
         carried=view.image,
         seen=moves.atlas.counts[0],
         odds=odds,
+        own=(odds > 0).view(np.uint8),
         shape=(odds > 0).astype(np.float32),
         obj=view.image,
+        part=_whole(*odds.shape),
     )
+
+
+def _whole(h: int, w: int) -> NDArray[np.int64]:
+    return np.array((0, 0, w, h))
+
+
+def _reach(moves: motion.Moves, h: int, w: int) -> NDArray[np.int64]:
+    """Rectangle of what may be the object, with room for gradients and for sums over 5 × 5 pixels."""
+    x0, y0, x1, y1 = motion.where_to(moves.extent, moves.theta, moves.grid)
+    x0, x1 = min(max(int(x0) - _ROOM, 0), w), min(max(int(x1) + _ROOM + 1, 0), w)
+    y0, y1 = min(max(int(y0) - _ROOM, 0), h), min(max(int(y1) + _ROOM + 1, 0), h)
+    return np.array((x0, y0, max(x0, x1), max(y0, y1)))
 
 
 def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
@@ -90,33 +120,31 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
     dx, dy = -shift[0], -shift[1]
     h, w = expected.odds.shape
     return expected._replace(
+        own=shifted(expected.own, dx, dy, (h, w), 0),
         odds=shifted(expected.odds, dx, dy, (h, w), -3.0),
         shape=shifted(expected.shape, dx, dy, (h, w), 0.0),
         obj=shifted(expected.obj, dx, dy, (h, w), 0.0),
         carried=shifted(expected.carried, dx, dy, (h, w), 0.0),
+        part=_whole(h, w),
     )
 
 
 def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Moves) -> Evidence:
     """Evidence per pixel; see `kernels.evidence`."""
-    h, w, channels = view.image.shape
-    products = np.empty((h, w, 4), np.float32)
-    local_products(view.image, expected.background, expected.obj, products)
-    products = np.asarray(cv2.blur(products, (5, 5)), dtype=np.float32)
-    errors, fresh = np.empty((5, h, w), np.float32), np.empty((h, w), np.uint8)
+    h, w = view.gray.shape
+    errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
     tau = _TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else _TAU_FRACTION
-    kappa = _KAPPA_COLOUR if channels == 3 else 1.0
+    kappa = _KAPPA_COLOUR if view.colour else 1.0
     occluded = float(state.occlusion.occluded)
-    knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded), np.float32)
+    knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise), np.float32)
     alike = evidence(
         view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
-        moves.atlas.counts, products,
-        np.float32(state.noise), knobs, view.inside, errors, fresh,
+        moves.atlas.counts, expected.part, view.inside, knobs, np.empty((26, w + 4), np.float32), errors, fresh,
     )  # fmt: skip
     return Evidence(errors, fresh, float(alike))
 
 
-def in_front(state: LayersState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask:
+def in_front(state: LayersState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask | None:
     """Where the distractor of the last frame hides the object in this one."""
     return masks.follow_distractor(
         state.distractor, moves.flow, state.previous, view.image, expected.obj, state.noise
@@ -129,27 +157,26 @@ def assign(
     expected: Expected,
     moves: motion.Moves,
     seen: Evidence,
-    hiding: masks.Mask,
+    hiding: masks.Mask | None,
     params: LayersParams,
 ) -> Labels:
     """Mask of the object from the evidence; the ratio is changed where the object grows or something else arrives."""
     h, w = view.gray.shape
     errors, fresh, _ = seen
-    grown, distractor = masks.grow(fresh, expected.odds, state.distractor, state.count)
-    if state.occlusion.occluded or state.occlusion.coasting:
-        distractor = np.zeros_like(distractor)  # what comes out from behind something may be the object itself
+    grown, distractor = masks.grow(fresh, expected.own, state.distractor, state.count)
+    if distractor is not None and (state.occlusion.occluded or state.occlusion.coasting):
+        distractor = None  # what comes out from behind something may be the object itself
         grown[grown == 2] = 0
-    distractor |= hiding
-    grown[hiding != 0] = 3
+    if hiding is not None:
+        distractor = hiding if distractor is None else distractor | hiding
+        grown[hiding != 0] = 3
     ratio, trust = colour.likelihood(state.colours, params.colour_weight)
-    bins = np.empty((h, w), np.int16)
-    raw = np.empty((h, w), np.float32)
+    bins, raw = np.empty((h, w), np.int16), np.empty((h, w), np.float32)
     label(view.image, expected.odds, errors[0], grown, ratio, trust, bins, raw)
-    odds = raw.copy()
-    mask = masks.component(odds, expected.odds)
-    odds[(odds > 0) & (mask == 0)] = -1.0
-    if distractor.any():
+    mask = masks.component(raw, expected.own)
+    odds = np.where((raw > 0) > mask, np.float32(-1.0), raw)
+    if distractor is not None:
         foreign = (distractor != 0) & (expected.odds < 1.0)
         odds[foreign] = np.minimum(odds[foreign], np.float32(-2.0))
-    mask = masks.refine_edge(view.image, expected.background, expected.seen, mask, odds, state.noise)
+    mask, odds = masks.refine_edge(view.image, expected.background, expected.seen, mask, odds, state.noise)
     return Labels(mask, odds, raw, errors, distractor, bins)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from . import background as ground
 from . import colour, motion
 from . import mask as masks
-from .kernels import KNOWN, label, learn
+from .kernels import KNOWN, label, learn, shift_object
 from .labelling import Expected, Labels
 from .state import Atlas, Image, LayersState, Plane
-from .window import View, shifted, transformed, translated
+from .window import Picture, View, shifted, transformed, translated
 
 __all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
 
@@ -50,7 +50,7 @@ class Learned(NamedTuple):
 
 def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int, int]) -> Seed:
     """Log-odds, shape, background and colours from a box (lattice px): its ellipse is object, round it is ground."""
-    h, w, channels = image.shape
+    h, w, _ = image.shape
     x = np.abs(np.arange(w) + 0.5 + origin[0] - box[0] - box[2] / 2) / (box[2] / 2)
     y = (np.abs(np.arange(h) + 0.5 + origin[1] - box[1] - box[3] / 2) / (box[3] / 2))[:, np.newaxis]
     square = np.maximum(x, y)
@@ -63,11 +63,10 @@ def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int
     counts[0] = np.where(square > 1.0, KNOWN, np.float32(0.0))
     bins = np.empty((h, w), np.int16)
     blank = np.zeros((h, w), np.float32)
-    count = colour.bin_count(channels)
-    none = np.zeros(count, np.float32)
+    none = np.zeros(colour.BINS, np.float32)
     label(image, blank, blank.copy(), np.zeros((h, w), np.uint8), none, 0.0, bins, blank.copy())
-    tally = [np.bincount(bins[where], minlength=count) for where in (ellipse <= 0.9, square > 1.0)]
-    colours = np.stack([colour.histogram(one.astype(np.float32)) for one in tally])
+    tally = [np.bincount(bins[where], minlength=colour.BINS) for where in (ellipse <= 0.9, square > 1.0)]
+    colours = colour.blend(np.zeros((2, colour.BINS), np.float32), np.array(tally, np.float32), 1.0)
     return Seed(odds, (odds > 0).astype(np.float32), Atlas(image, counts), colours, bins)
 
 
@@ -94,27 +93,25 @@ def learn_frame(
         It may be about to be: its shape is kept.
     """
     atlas = moves.atlas
-    picture, counts = atlas.image.copy(), atlas.counts.copy()
     aligned = translated(view.image, -atlas.offset[0], -atlas.offset[1])
-    near = masks.dilate(labels.mask | (expected.odds > 0).view(np.uint8), 5)
-    # a second mover is neither ground to be learned nor noise
-    near[(labels.distractor != 0) & (near == 0)] = 2
-    size = view.gray.shape
-    odds, shape = np.empty(size, np.float32), np.empty(size, np.float32)
-    obj = np.empty_like(expected.obj)
+    near = masks.dilate(labels.mask | expected.own, 5)
+    if labels.distractor is not None:  # a second mover is neither ground to be learned nor noise
+        near[(labels.distractor != 0) & (near == 0)] = 2
+    odds, shape = np.empty_like(expected.odds), np.empty_like(expected.shape)
+    obj, picture, counts = np.empty_like(expected.obj), np.empty_like(atlas.image), np.empty_like(atlas.counts)
     tally = np.zeros(state.colours.shape, np.float32)
     sums = np.zeros(3)
     rate = 0.3 if state.count < _YOUNG else 0.08
     knobs = np.array((rate, float(hidden or suspected), float(hidden)), np.float32)
     learn(
         view.image, aligned, labels.mask, near, labels.odds, labels.raw, expected.odds, expected.obj, expected.shape,
-        labels.errors, labels.bins, view.inside, knobs, odds, obj, shape, picture, counts, tally,
-        np.empty((1, 2000), np.float32), sums,
+        labels.errors, labels.bins, atlas.image, atlas.counts, expected.part, view.inside, knobs,
+        odds, obj, shape, picture, counts, tally, np.empty(2000, np.float32), sums,
     )  # fmt: skip
     if hidden:
         odds = np.clip(8.0 * (expected.shape - np.float32(0.5)), -2.0, 1.0).astype(np.float32)
     colours = state.colours if hidden else colour.blend(state.colours, tally, _COLOUR_RATE)
-    known, strange, spread = (float(value) for value in sums)
+    known, strange, spread = sums.tolist()
     noise = state.noise
     if spread >= 0:
         low, high = _NOISE_RANGE
@@ -125,20 +122,26 @@ def learn_frame(
     return Learned(odds, shape, obj, learned, colours, noise, strange / max(known, 1.0))
 
 
-def move(state: LayersState, image: Image, origin: tuple[int, int]) -> LayersState:
-    """State in another window, of which `image` is the frame just seen."""
+def move(state: LayersState, picture: Picture, origin: tuple[int, int]) -> LayersState:
+    """State in another window, of which `picture` is the frame just seen."""
     dx, dy = origin[0] - state.origin[0], origin[1] - state.origin[1]
-    size = (image.shape[0], image.shape[1])
-    odds = shifted(state.odds, dx, dy, size, -3.0)
+    image, gray = picture
+    if (dx, dy) == (0, 0) and gray.shape == state.odds.shape:
+        return state.replace(previous=image, gray=gray)
+    odds, shape, obj = np.empty_like(gray), np.empty_like(gray), np.empty_like(image)
+    visible = np.empty(gray.shape, np.uint8)
+    shift_object(state.odds, state.shape, state.obj, state.visible, dx, dy, odds, shape, obj, visible)
+    distractor = None if state.distractor is None else shifted(state.distractor, dx, dy, gray.shape, 0)
     return state.replace(
         origin=origin,
         previous=image,
+        gray=gray,
         odds=odds,
-        shape=shifted(state.shape, dx, dy, size, 0.0),
-        obj=shifted(state.obj, dx, dy, size, 0.0),
-        distractor=shifted(state.distractor, dx, dy, size, 0),
-        visible=shifted(state.visible, dx, dy, size, 0),
-        atlas=ground.fill_new(ground.move(state.atlas, dx, dy, size), image, odds),
+        shape=shape,
+        obj=obj,
+        distractor=distractor,
+        visible=visible,
+        atlas=ground.move(state.atlas, dx, dy, image, odds),
     )
 
 
@@ -169,7 +172,7 @@ def rescale(state: LayersState, step: int) -> LayersState:
         odds=resample(state.odds),
         shape=resample(state.shape),
         obj=resample(state.obj),
-        distractor=pick(state.distractor),
+        distractor=None if state.distractor is None else pick(state.distractor),
         visible=pick(state.visible),
         atlas=Atlas(resample(state.atlas.image), counts, offset),
         occlusion=state.occlusion.rescaled(ratio),

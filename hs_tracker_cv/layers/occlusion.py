@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Box
-from .kernels import search_shift
+from .kernels import overlap, search_shift
 from .mask import Mask
 from .state import Image, LayersParams, Occlusion, Plane
 
@@ -26,15 +24,13 @@ def visible_share(mask: Mask, shape: Plane, inside: NDArray[np.int64], *, hidden
     An area that has only changed its form counts as visible, since deformation roughly conserves area; and what comes
     out after it was `hidden` need not be where it was expected.
     """
-    x0, y0, x1, y1 = (int(v) for v in inside)
-    part, seen = shape[y0:y1, x0:x1] > 0.5, mask[y0:y1, x0:x1]
-    area = int(np.count_nonzero(part))
+    area, both, seen = overlap(mask, shape, inside)
     if area == 0:
         return 0.0
-    ratio = float(np.count_nonzero(part & (seen != 0))) / area
+    ratio = both / area
     if ratio > 0.3 or hidden:
-        ratio = max(ratio, min(1.0, float(np.count_nonzero(seen)) / area))
-    return ratio
+        ratio = max(ratio, min(1.0, seen / area))
+    return float(ratio)
 
 
 def judge(
@@ -64,15 +60,15 @@ def judge(
     params : LayersParams
     """
     drift = (memory.drift[0] + camera[0], memory.drift[1] + camera[1])
-    memory = replace(memory, drift=drift)
+    memory = memory._replace(drift=drift)
     if not usable:
-        return replace(memory, suspected=0, occluded=False, coasting=0, sides=(), duration=0)
+        return memory._replace(suspected=0, occluded=False, coasting=0, sides=(), duration=0)
     if box is not None:
         x, y = box.x - drift[0], box.y - drift[1]
-        memory = replace(memory, sides=(*memory.sides, (x, y, x + box.w, y + box.h))[-_SIZES:])
+        memory = memory._replace(sides=(*memory.sides, (x, y, x + box.w, y + box.h))[-_SIZES:])
     if not memory.occluded:
         speed = (velocity[0] - camera[0], velocity[1] - camera[1])
-        memory = replace(memory, speeds=(*memory.speeds, speed)[-_HISTORY:])
+        memory = memory._replace(speeds=(*memory.speeds, speed)[-_HISTORY:])
     suspected = memory.suspected
     if suspected:
         suspected = 0 if share >= 0.95 else suspected + 1
@@ -82,7 +78,7 @@ def judge(
     duration = memory.duration + 1 if occluded else 0
     if (suspected > _UNCONFIRMED and not occluded) or (duration > params.max_coast and share > 0.3):
         suspected, occluded, duration = 0, False, 0
-    return replace(memory, suspected=suspected, occluded=occluded, duration=duration)
+    return memory._replace(suspected=suspected, occluded=occluded, duration=duration)
 
 
 def with_missing(memory: Occlusion, shape: Box) -> Occlusion:
@@ -91,7 +87,7 @@ def with_missing(memory: Occlusion, shape: Box) -> Occlusion:
     lost_x, lost_y = max(right - left - shape.w, 0.0), max(bottom - top - shape.h, 0.0)
     vx, vy = remembered_speed(memory)
     missing = (lost_x * (vx < -0.25), lost_y * (vy < -0.25), lost_x * (vx > 0.25), lost_y * (vy > 0.25))
-    return replace(memory, missing=missing)
+    return memory._replace(missing=missing)
 
 
 def amodal(memory: Occlusion, shape: Box) -> Box:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import Frame, to_gray
+from ..frames import Frame
 from ..geometry import Box
 from . import labelling, memory, motion
 from . import mask as masks
@@ -56,9 +56,8 @@ def start(frame: Frame, box: Box, params: LayersParams) -> LayersState:
     k = lattice_step(max(box.w, box.h), params.working_size)
     small = _to_lattice(box, k)
     origin, size = place_window(small, (0.0, 0.0), _margin(small, 0, 0, params), _extent(frame, k))
-    image = grab(frame, origin, size, k)
+    image, gray = grab(frame, origin, size, k)
     seed = memory.seed(image, small, origin)
-    gray = to_gray(image)
     mask = (seed.odds > 0).view(np.uint8)
     report = LayersReport(
         box=box,
@@ -85,10 +84,11 @@ def start(frame: Frame, box: Box, params: LayersParams) -> LayersState:
         linear=(0.0, 0.0, 0.0, 0.0),
         camera=(0.0, 0.0),
         previous=image,
+        gray=gray,
         odds=seed.odds,
         shape=seed.shape,
         obj=image,
-        distractor=np.zeros(size, np.uint8),
+        distractor=None,
         visible=mask,
         atlas=seed.atlas,
         colours=seed.colours,
@@ -112,7 +112,7 @@ def step(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
     """
     view = look(state, frame)
     moves = motion.find(state, view, params)
-    expected = labelling.expect(state, view, moves)
+    expected = labelling.expect(state, moves)
     in_front = labelling.in_front(state, view, moves, expected)
     evidence = labelling.weigh(state, view, expected, moves)
     if state.occlusion.occluded or state.occlusion.coasting:
@@ -157,10 +157,10 @@ def watch(state: LayersState, frame: Frame, box: Box, params: LayersParams) -> L
         for new, side, old, length in zip(small[:2], small[2:], state.box[:2], state.box[2:], strict=True)
     )
     mask = (seed.odds > 0).view(np.uint8)
-    moves = motion.follow(state, view, mask, (speed[0], speed[1]), params)
+    moves = motion.follow(state, view, seed.odds, (speed[0], speed[1]), params)
     expected = labelling.expect_nothing(state, view, moves, seed.odds)
     errors, _, _ = labelling.weigh(state, view, expected, moves)
-    labels = Labels(mask, seed.odds, seed.odds, errors, np.zeros_like(mask), seed.bins)
+    labels = Labels(mask, seed.odds, seed.odds, errors, None, seed.bins)
     learned = memory.learn_frame(state, view, moves, expected, labels, hidden=False, suspected=False)
     learned = learned._replace(odds=seed.odds, shape=seed.shape, obj=view.image, colours=seed.colours)
     local = Box(small[0] - state.origin[0], small[1] - state.origin[1], small[2], small[3])
@@ -195,7 +195,7 @@ def reseed(state: LayersState, frame: Frame, box: Box, params: LayersParams) -> 
         odds=seed.odds,
         shape=seed.shape,
         obj=moved.previous,
-        distractor=np.zeros_like(moved.distractor),
+        distractor=None,
         visible=(seed.odds > 0).view(np.uint8),
         colours=seed.colours,
         contrast=0.0,
@@ -220,11 +220,13 @@ def _margin(box: tuple[float, float, float, float], count: int, coasting: int, p
 
 
 def _search(
-    state: LayersState, view: View, expected: Expected, errors: NDArray[np.float32], in_front: masks.Mask
+    state: LayersState, view: View, expected: Expected, errors: NDArray[np.float32], in_front: masks.Mask | None
 ) -> tuple[int, int]:
     """Where a hidden object comes out again, relative to where it was expected."""
     reach = int(min(8 + state.occlusion.coasting + 0.2 * state.occlusion.suspected, _FAR))
-    different = ((errors[1] >= 4.0) & (in_front == 0)).view(np.uint8)
+    different = (errors[1] >= 4.0).view(np.uint8)
+    if in_front is not None:
+        different &= 1 - in_front
     return hiding.find_again(view.image, expected.obj, expected.shape, different, reach, state.noise, view.inside)
 
 
@@ -234,7 +236,7 @@ def _judge(
     moves: motion.Moves,
     expected: Expected,
     labels: Labels,
-    in_front: masks.Mask,
+    in_front: masks.Mask | None,
     alike: float,
     params: LayersParams,
 ) -> _Outcome:
@@ -246,16 +248,18 @@ def _judge(
     if vanished:  # what is there is not the object, whatever it may be
         share = min(share, alike)
     box = masks.box_of(labels.mask, labels.odds)
-    shape = expected.shape > 0.5
-    covered = int(np.count_nonzero(shape & (in_front != 0))) > 0.05 * int(np.count_nonzero(shape))
+    covered = False
+    if in_front is not None:
+        shape = expected.shape > 0.5
+        covered = bool(np.count_nonzero(shape & (in_front != 0)) > 0.05 * np.count_nonzero(shape))
     on_lattice = None if box is None else box.moved(*state.origin)
     occlusion = hiding.judge(
         state.occlusion, on_lattice, moves.velocity, moves.camera, share, usable, covered, params
     )
     unseen = (share < _UNSEEN and usable) or vanished or box is None
-    occlusion = replace(occlusion, coasting=state.occlusion.coasting + 1 if unseen else 0, vanished=vanished)
+    occlusion = occlusion._replace(coasting=state.occlusion.coasting + 1 if unseen else 0, vanished=vanished)
     hidden = occlusion.occluded or unseen
-    whole = masks.box_of(shape.view(np.uint8), None) if hidden else None
+    whole = masks.outer_box((expected.shape > 0.5).view(np.uint8)) if hidden else None
     if whole is not None:
         if occlusion.occluded and not state.occlusion.occluded:
             occlusion = hiding.with_missing(occlusion, whole)
@@ -344,7 +348,7 @@ def _conclude(
         shape=learned.shape,
         obj=learned.obj,
         distractor=labels.distractor,
-        visible=labels.mask & (labels.errors[0] > 0).view(np.uint8),
+        visible=labels.mask & (labels.errors[0] > 0).view(np.uint8) if hidden.occluded else labels.mask,
         atlas=learned.atlas,
         colours=learned.colours,
         noise=learned.noise,

@@ -9,39 +9,48 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import Frame, crop, to_gray
-from .kernels import resample
+from ..frames import Frame, crop
+from .kernels import resample, smooth
 from .state import Image, LayersState, Plane
 
-__all__ = ["View", "grab", "lattice_step", "look", "place_window", "shifted", "transformed", "translated"]
+__all__ = ["Picture", "View", "grab", "lattice_step", "look", "place_window", "shifted", "transformed", "translated"]
 
 _RING = 2  # px more on each side, so that the prefilter's border lies outside the window
+_TAPS = cv2.getGaussianKernel(2 * _RING + 1, 0.7).astype(np.float32).ravel()[_RING:]
 _SIZES = 4  # windows are so many px high and wide, times a whole number: flow is planned once per size
 
 
+class Picture(NamedTuple):
+    """A window of a frame, and its gray version."""
+
+    image: Image
+    gray: Plane
+
+
 class View(NamedTuple):
-    """The window of this frame: image, its gray version, that of the last frame, and its part inside the frame."""
+    """The window of this frame, with its gray version and that of the last frame; its part inside the frame."""
 
     image: Image
     gray: Plane
     previous: Plane
     inside: NDArray[np.int64]
+    colour: bool
 
 
 def look(state: LayersState, frame: Frame) -> View:
     """Cut this frame's window."""
     h, w = state.odds.shape
-    image = grab(frame, state.origin, (h, w), state.step)
+    image, gray = grab(frame, state.origin, (h, w), state.step)
     inside = _inside_rectangle(frame, state.origin, (h, w), state.step)
-    return View(image, to_gray(image), to_gray(state.previous), inside)
+    return View(image, gray, state.gray, inside, frame.channels == 3)
 
 
 def lattice_step(longest: float, working_size: int) -> int:
     """Frame px per lattice px for an object of that longest side."""
-    return max(1, int(np.ceil(longest / working_size)))
+    return max(1, math.ceil(longest / working_size))
 
 
-def grab(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> Image:
+def grab(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> Picture:
     """Window of a frame on the lattice: block means of `step` × `step` px, then a 5 × 5 Gaussian of σ 0.7.
 
     Parameters
@@ -55,13 +64,16 @@ def grab(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int
 
     Returns
     -------
-    ndarray, shape (h, w, C), float32
+    Picture
+        (h, w, 3) and (h, w), float32; of a gray frame the three channels are the same.
     """
-    h, w = size[0] + 2 * _RING, size[1] + 2 * _RING
+    h, w = size
     left, top = (origin[0] - _RING) * step, (origin[1] - _RING) * step
-    pixels = crop(frame, left, top, w * step, h * step, step=step)
-    smooth = cv2.GaussianBlur(pixels, (5, 5), 0.7)[_RING:-_RING, _RING:-_RING]
-    return np.ascontiguousarray(smooth, dtype=np.float32).reshape(size[0], size[1], -1)
+    pixels = crop(frame, left, top, (w + 2 * _RING) * step, (h + 2 * _RING) * step, step=step)
+    rows = pixels.reshape(h + 2 * _RING, -1)
+    image, gray = np.empty((h, 3 * w), np.float32), np.empty((h, w), np.float32)
+    smooth(rows, _TAPS, np.empty(rows.shape[1], np.float32), image, gray)
+    return Picture(image.reshape(h, w, 3), gray)
 
 
 def _inside_rectangle(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> NDArray[np.int64]:
@@ -90,12 +102,11 @@ def place_window(
     """
     spans = []
     for start, length, speed, limit in zip(box[:2], box[2:], velocity, extent, strict=True):
-        low = np.floor(start + min(speed, 0.0) - margin)
-        high = np.ceil(start + length + max(speed, 0.0) + margin)
-        low, high = max(low, -12.0), min(high, np.ceil(limit) + 12.0)
-        if high - low < 24.0:  # the object has left: keep looking at the nearest edge
-            low, high = (low, low + 24.0) if start < limit / 2 else (high - 24.0, high)
-        spans.append((int(low), -(int(low - high) // _SIZES) * _SIZES))
+        low = max(math.floor(start + min(speed, 0.0) - margin), -12)
+        high = min(math.ceil(start + length + max(speed, 0.0) + margin), math.ceil(limit) + 12)
+        if high - low < 24:  # the object has left: keep looking at the nearest edge
+            low, high = (low, low + 24) if start < limit / 2 else (high - 24, high)
+        spans.append((low, -((low - high) // _SIZES) * _SIZES))
     (x, w), (y, h) = spans
     return (x, y), (h, w)
 

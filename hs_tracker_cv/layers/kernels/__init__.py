@@ -1,0 +1,42 @@
+"""The inner loops of the two-layer model, in Numba: arrays in, arrays out; no checks, no options.
+
+Images are (h, w, 3) float32 windows, planes (h, w) float32; all C-contiguous and of one window size. `inside` is
+(x0, y0, x1, y1): the part of the window that lies inside the frame, in window pixels, end exclusive.
+An affine displacement is a[0..5]: q = p + (a0 + a1 X + a2 Y, a3 + a4 X + a5 Y) with X = (x − cx) / scale, Y alike,
+and `grid` is (cx, cy, scale).
+"""
+
+from __future__ import annotations
+
+from .common import FAR_OFF, KNOWN
+from .labelling import alpha_edge, evidence, label
+from .memory import blend_colours, learn
+from .registration import collect, fit_affine, gauss_newton, median_flow, search_shift, start_flow
+from .shapes import extremes, overlap, spread
+from .windows import carry, open_ground, outline, resample, shift_ground, shift_object, smooth
+
+__all__ = [
+    "FAR_OFF",
+    "KNOWN",
+    "alpha_edge",
+    "blend_colours",
+    "carry",
+    "collect",
+    "evidence",
+    "extremes",
+    "fit_affine",
+    "gauss_newton",
+    "label",
+    "learn",
+    "median_flow",
+    "open_ground",
+    "outline",
+    "overlap",
+    "resample",
+    "search_shift",
+    "shift_ground",
+    "shift_object",
+    "smooth",
+    "spread",
+    "start_flow",
+]

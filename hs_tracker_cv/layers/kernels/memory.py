@@ -1,0 +1,196 @@
+"""What is learned from a labelled frame."""
+
+# Parts have no types of their own: Numba infers them.
+# mypy: allow-untyped-defs, no-check-untyped-defs, allow-untyped-calls
+from __future__ import annotations
+
+import numpy as np
+
+from ...compiling import larger, local, smaller
+from .common import KNOWN, Bins, Image, Integers, Mask, Numbers, Plane, Row, fast_kernel, select
+
+f32 = np.float32
+_BLOCK = 64  # pixels at a time: results first go to short arrays on the stack, which overlap with nothing
+
+_block = local(_BLOCK)
+
+
+@fast_kernel
+def learn(
+    image: Image,
+    aligned: Image,
+    mask: Mask,
+    near: Mask,
+    odds: Plane,
+    raw: Plane,
+    warped: Plane,
+    obj: Image,
+    shape: Plane,
+    errors: Image,
+    bins: Bins,
+    ground: Image,
+    counts: Image,
+    part: Integers,
+    inside: Integers,
+    knobs: Row,
+    s_out: Plane,
+    o_out: Image,
+    m_out: Plane,
+    ground_out: Image,
+    counts_out: Image,
+    tally: Plane,
+    sample: Row,
+    sums: Numbers,
+) -> None:
+    """What is remembered after a frame: log-odds, object layer, slow shape, background, colours.
+
+    `aligned` is the image on the background's own lattice. `near` is 1 within two pixels of the object, 2 on a
+    distractor elsewhere. `errors` is what :func:`evidence` wrote, `part` where the object layer has been warped.
+    `ground` (h, w, C) and `counts` (3, h, w: samples, mismatches, age) are the background. knobs = (shape rate,
+    freeze, occluded). `tally` (2, bins) receives the colour counts of object and background, from every second pixel. `sums` receives (known
+    pixels outside, of these unexplained, 85th percentile of |I − B| there); `sample` is a workspace for that.
+    """
+    h, w, channels = image.shape
+    if (
+        channels != 3
+        or aligned.shape[2] != 3
+        or obj.shape[2] != 3
+        or ground.shape[2] != 3
+        or o_out.shape[2] != 3
+        or ground_out.shape[2] != 3
+    ):
+        return  # from here on LLVM knows it, and can vectorise
+    shape_rate = knobs[0]
+    freeze = knobs[1]
+    occluded = knobs[2]
+    odds_new = _block()
+    shape_new = _block()
+    rate_o = _block()
+    rate_b = _block()
+    samples = _block()
+    mismatches = _block()
+    age = _block()
+    known = 0
+    strange = 0
+    taken = 0
+    for y in range(h):
+        seen = y >= inside[1] and y < inside[3]
+        warped_row = y >= part[1] and y < part[3]
+        for first in range(0, w, _BLOCK):
+            m = smaller(w - first, _BLOCK)
+            for i in range(m):
+                x = first + i
+                own = mask[y, x] != 0
+                s = warped[y, x]
+                belief = odds[y, x]
+                new = larger(raw[y, x], f32(0.2)) if own else s + f32(0.5) * (belief - s)
+                odds_new[i] = smaller(larger(new, f32(-3.0)), f32(4.0))
+                old = shape[y, x]
+                target = smaller(larger(belief + f32(0.5), f32(0.0)), f32(1.0)) if own else f32(0.0)
+                shape_new[i] = old + (shape_rate * (target - old) if freeze == f32(0.0) else f32(0.0))
+                d = image[y, x, 0] - obj[y, x, 0] + image[y, x, 1] - obj[y, x, 1] + image[y, x, 2] - obj[y, x, 2]
+                # what has lit up that much is rather a highlight that moves on than the surface
+                rate = f32(0.5) if d < f32(75.0) else f32(0.1)
+                sure = (errors[0, y, x] > f32(-0.3)) & ((occluded == f32(0.0)) | (errors[1, y, x] >= f32(4.0)))
+                free = f32(1.0) if freeze == f32(0.0) else f32(0.0)
+                rate_o[i] = (rate if sure else f32(0.0)) if own else free
+                covered = warped_row & (x >= part[0]) & (x < part[2])
+                rate_o[i] = rate_o[i] if covered else 1.0
+            for i in range(m):
+                s_out[y, first + i] = odds_new[i]
+            for i in range(m):
+                m_out[y, first + i] = shape_new[i]
+            for i in range(m):
+                x = first + i
+                rate = f32(rate_o[i])
+                o_out[y, x, 0] = obj[y, x, 0] + rate * (image[y, x, 0] - obj[y, x, 0])
+                o_out[y, x, 1] = obj[y, x, 1] + rate * (image[y, x, 1] - obj[y, x, 1])
+                o_out[y, x, 2] = obj[y, x, 2] + rate * (image[y, x, 2] - obj[y, x, 2])
+            for i in range(m):
+                x = first + i
+                n = counts[0, y, x]
+                bad = counts[1, y, x]
+                error = errors[1, y, x]
+                gain = errors[2, y, x]
+                here = seen & (x >= inside[0]) & (x < inside[2])
+                free = near[y, x] != 1
+                learned = here & free & (odds[y, x] < f32(-1.0))
+                matched = (mask[y, x] == 0) & (error < f32(4.0)) & (n >= KNOWN)
+                ticks = f32(0.0) if matched else counts[2, y, x] + f32(1.0)
+                age[i] = ticks if here else counts[2, y, x]
+                counted = here & free & (n >= KNOWN)
+                known += 1 if counted else 0
+                strange += 1 if counted & (error > f32(5.0)) else 0
+                # something moves here: begin again
+                base = f32(0.0) if (n < KNOWN) & (errors[3, y, x] >= f32(4.0)) else n
+                odd = (base >= KNOWN) & (error >= f32(6.0))
+                worse = bad + f32(1.0) if odd else f32(0.0)
+                mismatches[i] = worse if learned else bad
+                shaded = (gain < f32(0.93)) | (gain > f32(1.07))
+                wait = odd & ((worse < f32(6.0)) | ((worse < f32(25.0)) & shaded))
+                base = f32(0.0) if odd else base
+                dark = (base >= KNOWN) & (gain <= f32(0.93))
+                base = f32(0.0) if (base >= KNOWN) & (gain > f32(1.07)) else base
+                rate = larger(f32(1.0) / (base + f32(1.0)), f32(0.06))
+                rate = smaller(rate, f32(0.02)) if (base >= KNOWN) & (gain < f32(0.985)) else rate
+                learned = learned & (not wait) & (not dark)
+                rate_b[i] = rate if learned else f32(0.0)
+                samples[i] = smaller(base + f32(1.0), f32(20.0)) if learned else n
+            for i in range(m):
+                counts_out[0, y, first + i] = samples[i]
+            for i in range(m):
+                counts_out[1, y, first + i] = mismatches[i]
+            for i in range(m):
+                counts_out[2, y, first + i] = age[i]
+            for i in range(m):
+                x = first + i
+                rate = f32(rate_b[i])
+                ground_out[y, x, 0] = ground[y, x, 0] + rate * (aligned[y, x, 0] - ground[y, x, 0])
+                ground_out[y, x, 1] = ground[y, x, 1] + rate * (aligned[y, x, 1] - ground[y, x, 1])
+                ground_out[y, x, 2] = ground[y, x, 2] + rate * (aligned[y, x, 2] - ground[y, x, 2])
+        if not seen:
+            continue
+        for x in range(inside[0] + (inside[0] + y) % 2, inside[2], 2):
+            if near[y, x] != 1:
+                tally[1, np.int64(bins[y, x])] += 1.0
+            elif mask[y, x] != 0 and odds[y, x] > f32(1.0):
+                tally[0, np.int64(bins[y, x])] += 1.0
+        for x in range(inside[0] + (7 - (inside[0] + 2 * y) % 7) % 7, inside[2], 7):
+            if near[y, x] == 0 and counts[0, y, x] >= KNOWN and taken < sample.shape[0]:
+                # in shadow, by what the shadow leaves unexplained
+                gain = errors[2, y, x]
+                light = gain if gain < f32(0.9) or gain > f32(1.1) else f32(1.0)
+                d = abs(aligned[y, x, 0] - light * ground[y, x, 0])
+                d += abs(aligned[y, x, 1] - light * ground[y, x, 1])
+                d += abs(aligned[y, x, 2] - light * ground[y, x, 2])
+                sample[taken] = d
+                taken += 1
+    sums[0] = known
+    sums[1] = strange
+    sums[2] = select(sample, taken, 0.85) / 3.0 if taken > 10 else -1.0
+
+
+@fast_kernel
+def blend_colours(colours: Plane, tally: Plane, rate: float, cube: Plane, out: Plane) -> None:
+    """Histograms (2, bins), smoothed along each colour axis, of this frame's `tally`, mixed into `colours`.
+
+    8 × 8 × 8 bins; `cube` (2, bins) is a workspace. A histogram without pixels stays as it is.
+    """
+    count = colours.shape[1]
+    for side in range(2):
+        for k in range(count):
+            cube[0, k] = tally[side, k]
+        for axis in range(3):
+            step = 1 << (3 * axis)
+            total = f32(0.0)
+            for k in range(count):
+                place = (k >> (3 * axis)) & 7
+                value = f32(0.7) * cube[axis & 1, k]
+                value += f32(0.15) * cube[axis & 1, k - step] if place > 0 else f32(0.0)
+                value += f32(0.15) * cube[axis & 1, k + step] if place < 7 else f32(0.0)
+                cube[1 - (axis & 1), k] = value
+                total += value
+        share = f32(rate) / larger(total, f32(1.0)) if total > f32(0.0) else f32(0.0)
+        keep = f32(1.0 - rate) if total > f32(0.0) else f32(1.0)
+        for k in range(count):
+            out[side, k] = keep * colours[side, k] + share * cube[1, k]
