@@ -86,11 +86,9 @@ class PropagationParams:
         A peak lower than this share of its running mean makes the search look around.
     recentre : float
         Displacement, in coarse samples, beyond which the window is looked at again round the peak.
-    far, far_level, sure : float
-        A displacement from the prediction over `far` box sizes needs a peak of `far_level` of its running mean, or
-        a sum of peak height and agreement over `sure`.
-    found : float
-        What a lost object is found again by, over `far` box sizes away: sum of peak height and agreement.
+    far, found, far_level, far_match : float
+        A displacement from the prediction over `far` box sizes, and what a lost object is found again by, needs a
+        peak of `found` that is `far_level` of its running mean, and agreement `far_match` with some keyframe.
     near, near_level, follow_level : float
         Any other needs `near_level`; within `near` box sizes, `follow_level` is enough to follow without learning.
     drop, match_rate, doubt : float
@@ -129,25 +127,25 @@ class PropagationParams:
     max_key_scale: float = 0.1
     patch_rate: float = 0.03
     colour_rate: float = 0.05
-    filter_rate: float = 0.04
+    filter_rate: float = 0.06
     filter_sigma: float = 1.6
     distance_penalty: float = 0.15
     velocity_rate: float = 0.5
     keys: int = 4
     key_gap: int = 8
     patience: int = 3
-    confidence: float = 0.4
-    weak: float = 0.5
+    confidence: float = 0.36
+    weak: float = 0.42
     recentre: float = 4.0
     far: float = 0.6
-    far_level: float = 0.75
-    sure: float = 1.1
-    found: float = 1.2
+    far_level: float = 0.55
+    far_match: float = 0.5
+    found: float = 0.25
     near: float = 0.35
-    near_level: float = 0.45
-    follow_level: float = 0.4
+    near_level: float = 0.38
+    follow_level: float = 0.33
     drop: float = 0.55
-    doubt: float = 0.75
+    doubt: float = 0.72
     match_rate: float = 0.1
     separation: float = 0.3
     mask_rate: float = 0.1
@@ -327,6 +325,12 @@ class _View:
         """Raw window (h, w, C) of the correlation filter at a pose."""
         return self._sample(pose, self._geometry.coarse_step, *self._geometry.window.shape, gray=False)
 
+    def context(self, pose: Pose) -> F32:
+        """Gray of the same window, twice as fine."""
+        rows, columns = self._geometry.window.shape
+        unit = 0.5 * self._geometry.coarse_step
+        return np.ascontiguousarray(self._sample(pose, unit, 2 * rows, 2 * columns, gray=True)[:, :, 0])
+
     def _sample(self, pose: Pose, unit: float, rows: int, columns: int, *, gray: bool) -> F32:
         self._cut(pose, unit, rows, columns)
         source = self._gray if gray else self._colour
@@ -420,9 +424,9 @@ def _foreground(raw: F32, likelihood: F32) -> F32:
     return np.asarray(cv2.blur(likelihood.take(_bins(raw)), (3, 3)), np.float32)
 
 
-def _channels(raw: F32, likelihood: F32 | None, g: _Geometry) -> F32:
+def _channels(view: _View, pose: Pose, raw: F32, likelihood: F32 | None, g: _Geometry) -> F32:
     foreground = None if likelihood is None else _foreground(raw, likelihood)
-    return anchor.features(to_gray(raw), foreground, g.window)
+    return anchor.features(view.context(pose), foreground, g.window)
 
 
 def _box(g: _Geometry, pose: Pose) -> Box:
@@ -468,7 +472,7 @@ def _first_model(view: _View, g: _Geometry, pose: Pose, p: PropagationParams) ->
     if raw.shape[2] == 1 or float(np.abs(raw[:, :, 0] - raw[:, :, 2]).mean()) > _COLOUR_THRESHOLD:
         histograms = _histograms(raw, g.inside)
         likelihood = _likelihood(histograms)
-    located = anchor.train(_channels(raw, likelihood, g), p.filter_sigma)
+    located = anchor.train(_channels(view, pose, raw, likelihood, g), p.filter_sigma)
     return _Model(fine, fine, np.zeros_like(fine), np.ones_like(fine), (fine,), 0, histograms, likelihood, located)
 
 
@@ -540,7 +544,7 @@ def _look(state: PropagationState, view: _View, at: Pose, expected: Pose, penalt
     raw, likelihood = view.coarse(at), None
     if state.model.likelihood is not None:
         likelihood = _foreground(raw, state.model.likelihood)
-    response = anchor.respond(state.model.located, anchor.features(to_gray(raw), likelihood, g.window))
+    response = anchor.respond(state.model.located, anchor.features(view.context(at), likelihood, g.window))
     across = g.across + np.float32((at.cx - expected.cx) / (g.w * expected.sx))
     down = g.down + np.float32((at.cy - expected.cy) / (g.h * expected.sy))
     fade: F32 = np.float32(penalty) * (across * across + down * down)
@@ -856,10 +860,8 @@ def _judge(
         return _BAD
     if jump < p.far:
         enough = level > p.near_level
-    elif state.low > p.patience:
-        enough = evidence > p.found
     else:
-        enough = level > p.far_level or evidence > p.sure
+        enough = height > p.found and level > p.far_level and max(keys) > p.far_match
     if enough and evidence > p.confidence:
         return _WEAK if evidence < p.doubt and max(keys) < p.drop * state.match else _GOOD
     return _WEAK if jump < p.near and level > p.follow_level else _BAD
@@ -920,7 +922,7 @@ def _learn(
     patch, rate = model.previous, np.float32(p.patch_rate)
     histograms, likelihood = model.histograms, model.likelihood
     raw = view.coarse(pose)
-    located = anchor.learn(model.located, _channels(raw, model.likelihood, g), p.filter_rate)
+    located = anchor.learn(model.located, _channels(view, pose, raw, model.likelihood, g), p.filter_rate)
     if histograms is not None:
         histograms = histograms + np.float32(p.colour_rate) * (_histograms(raw, g.inside) - histograms)
         likelihood = _likelihood(histograms)
