@@ -158,6 +158,7 @@ class PropagationParams:
     reset_below: float = 0.6
     reset_match: float = 0.7
     reset_gain: float = 0.15
+    reset_level: float = 0.8
 
 
 @dataclass(frozen=True)
@@ -495,7 +496,7 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     view = _View(frame, g, expected)
     found = _find(state, view, expected, params)
     carried = _carry(state, view, found, params)
-    pose, keys = _hold(state, view, frame, carried, params)
+    pose, keys = _hold(state, view, frame, carried, found.height, params)
     verdict = _judge(state, frame, pose, expected, found.height, keys, params)
     kept, coarse, leap = state.kept, found.pose, _jump(g, pose, expected) > params.far
     tracking = state.low <= params.patience
@@ -800,7 +801,7 @@ def _kept_share(kept: F32, g: _Geometry) -> float:
 
 
 def _hold(
-    state: PropagationState, view: _View, frame: Frame, carried: _Carried, p: PropagationParams
+    state: PropagationState, view: _View, frame: Frame, carried: _Carried, height: float, p: PropagationParams
 ) -> tuple[Pose, list[float]]:
     """Pose drawn half-way to the best keyframe, and the agreement with each keyframe."""
     g, pose = state.geometry, carried.pose
@@ -813,7 +814,10 @@ def _hold(
         # Only the first keyframe's size is what the user drew.
         other = pose.scaled(_ZOOMS[(state.good_frames + state.low) % len(_ZOOMS)])
         reset, score = _registered(view, state.model.keys[0], view.fine(other), other, g.weights, g, p)
-        if score > max(p.reset_match, scores[0] + p.reset_gain):
+        # A patch of a few blurred edges fits in many sizes; what surrounds it does not.
+        if score > max(p.reset_match, scores[0] + p.reset_gain) and (
+            _look(state, view, reset, reset, 0.0).height > p.reset_level * height
+        ):
             scores[0] = score
             return reset, scores
     if found is not None:
