@@ -94,6 +94,9 @@ class PropagationParams:
     drop, match_rate, doubt : float
         Agreement with the best keyframe under `drop` of its running mean (rate `match_rate`) is not learned, unless
         the sum of peak height and agreement with the first keyframe is over `doubt`.
+    present : float
+        Share of its running mean that the peak keeps, times the share of the object's colours that the box keeps,
+        from which an object within `near` box sizes is followed although it looks like nothing that was learned.
     separation : float
         Difference of motion, fine samples per frame, from which object and surroundings are told apart.
     mask_rate : float
@@ -109,9 +112,9 @@ class PropagationParams:
     unsure, new_key : float
         Share of the box kept from which a weak peak is still believed to be the object, and from which a new
         keyframe may be added.
-    reset_below, reset_match, reset_gain : float
+    reset_below, reset_match, reset_gain, reset_level : float
         Agreement with the first keyframe below which other sizes are tried, one per frame; the agreement that one
-        of them must have, and by how much it must be the better one.
+        of them must have, and by how much it must be the better one; and the share of the peak that must be left.
     """
 
     fine_size: float = 32.0
@@ -147,6 +150,7 @@ class PropagationParams:
     drop: float = 0.55
     doubt: float = 0.72
     match_rate: float = 0.1
+    present: float = 0.35
     separation: float = 0.3
     mask_rate: float = 0.1
     same: float = 16.0
@@ -277,6 +281,7 @@ class PropagationState:
     model: _Model
     peak: float
     match: float
+    colour: float
     good_frames: int
     low: int
     kept: F32
@@ -457,7 +462,9 @@ def start(frame: Frame, box: Box, params: PropagationParams) -> PropagationState
         box, True, 1.0, False, *_window(g, pose), patch, patch, np.zeros((*patch.shape, 2), np.float32), 1.0,
         np.zeros_like(g.window), 1.0, (1.0,), 1.0, _GOOD,
     )  # fmt: skip
-    return PropagationState(g, pose, (0.0, 0.0), model, 1.0, 1.0, 1, 0, g.body, report)
+    return PropagationState(
+        g, pose, (0.0, 0.0), model, 1.0, 1.0, _first_colour(view, pose, model, g), 1, 0, g.body, report
+    )
 
 
 def _window(g: _Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -465,6 +472,15 @@ def _window(g: _Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float,
     rows, columns = g.weights.shape
     across, down = g.fine_step * pose.sx, g.fine_step * pose.sy
     return (pose.cx + 0.5 - 0.5 * columns * across, pose.cy + 0.5 - 0.5 * rows * down), (across, down)
+
+
+def _first_colour(view: _View, pose: Pose, model: _Model, g: _Geometry) -> float:
+    if model.likelihood is None:
+        return 1.0
+    likelihood = _foreground(view.coarse(pose), model.likelihood)
+    found = _Found(0.0, pose, 0.0, likelihood, pose, likelihood)
+    fine = _finer(found, g)
+    return 1.0 if fine is None else float(np.vdot(g.inner, fine))
 
 
 def _first_model(view: _View, g: _Geometry, pose: Pose, p: PropagationParams) -> _Model:
@@ -497,7 +513,7 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     found = _find(state, view, expected, params)
     carried = _carry(state, view, found, params)
     pose, keys = _hold(state, view, frame, carried, found.height, params)
-    verdict = _judge(state, frame, pose, expected, found.height, keys, params)
+    verdict = _judge(state, frame, pose, expected, found.height, keys, carried.colour, params)
     kept, coarse, leap = state.kept, found.pose, _jump(g, pose, expected) > params.far
     tracking = state.low <= params.patience
     if tracking and (leap or verdict != _GOOD):
@@ -513,10 +529,11 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     pose, velocity, low = _settle(state, pose, coarse, verdict, params)
     lost, share = low > params.patience, _kept_share(kept, g)
     model = state.model if lost and verdict == _BAD else replace(state.model, previous=view.fine(pose))
-    peak, match, good_frames = state.peak, state.match, state.good_frames
+    peak, match, colour, good_frames = state.peak, state.match, state.colour, state.good_frames
     if verdict == _GOOD:
         model = _learn(model, view, g, pose, carried, max(keys), share, params)
         match += params.match_rate * (max(keys) - match)
+        colour += params.match_rate * (carried.colour - colour)
         good_frames += 1
         peak += max(0.05, 1.0 / good_frames) * (found.height - peak)
     report = PropagationReport(
@@ -524,7 +541,7 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
         state.model.previous, carried.seen_at_start, carried.flow, found.height, found.response, carried.agreement,
         tuple(keys), share, verdict,
     )  # fmt: skip
-    return PropagationState(g, pose, velocity, model, peak, match, good_frames, low, kept, report)
+    return PropagationState(g, pose, velocity, model, peak, match, colour, good_frames, low, kept, report)
 
 
 @dataclass(frozen=True)
@@ -670,6 +687,7 @@ class _Carried:
     weight: F32
     belongs: F32 | None
     seen_at_start: F32
+    colour: float  # mean likelihood of the object's colours in the box; 1 where there are none
 
 
 def _finer(found: _Found, g: _Geometry) -> F32 | None:
@@ -690,9 +708,10 @@ def _carry(state: PropagationState, view: _View, found: _Found, p: PropagationPa
     current = view.fine(coarse)
     prior = g.weights * (np.float32(_MASK_FLOOR) + model.mask)
     prior /= np.float32(1.0) + (model.deviation * np.float32(0.1)) ** 2
-    likelihood = _finer(found, g)
+    likelihood, colour = _finer(found, g), 1.0
     if likelihood is not None:
         prior *= np.float32(0.1) + likelihood
+        colour = float(np.vdot(g.inner, likelihood))
     flow, weight, motion = _register(model.previous, current, prior, p, p.levels)
     motion, belongs = _separate(model.previous, current, flow, weight, motion, g, p)
     fine = _applied(coarse, motion, g, p.max_scale_step)
@@ -700,10 +719,10 @@ def _carry(state: PropagationState, view: _View, found: _Found, p: PropagationPa
     before = anchor.correlation(current, model.mean, g.inner)
     agreement = anchor.correlation(patch, model.mean, g.inner)
     if agreement < before - 0.02:
-        return _Carried(coarse, current, before, prior, flow, weight, belongs, current)
+        return _Carried(coarse, current, before, prior, flow, weight, belongs, current, colour)
     trust = min(max((agreement - 0.3) / 0.4, 0.0), 1.0)
     fine = replace(fine, cx=coarse.cx + trust * (fine.cx - coarse.cx), cy=coarse.cy + trust * (fine.cy - coarse.cy))
-    return _Carried(fine, patch, agreement, prior, flow, weight, belongs, current)
+    return _Carried(fine, patch, agreement, prior, flow, weight, belongs, current, colour)
 
 
 def _continue(
@@ -724,7 +743,7 @@ def _continue(
     if coherence < before - 0.02:
         pose, patch, coherence = expected, current, before
     carried = _Carried(
-        pose, patch, anchor.correlation(patch, model.mean, g.inner), prior, flow, weight, belongs, current
+        pose, patch, anchor.correlation(patch, model.mean, g.inner), prior, flow, weight, belongs, current, 1.0
     )
     kept = _carried_along(state, carried, expected, pose, _halved(patch), p)
     return carried, coherence, kept * np.float32(min(max(1.5 * coherence / p.coherent - 0.5, 0.0), 1.0))
@@ -850,6 +869,7 @@ def _judge(
     expected: Pose,
     height: float,
     keys: list[float],
+    colour: float,
     p: PropagationParams,
 ) -> str:
     """Believe the pose and learn, only follow, or reject it.
@@ -866,8 +886,10 @@ def _judge(
         enough = level > p.near_level
     else:
         enough = height > p.found and level > p.far_level and max(keys) > p.far_match
-    if enough and evidence > p.confidence:
-        return _WEAK if evidence < p.doubt and max(keys) < p.drop * state.match else _GOOD
+    if enough and evidence > p.confidence and (evidence > p.doubt or max(keys) > p.drop * state.match):
+        return _GOOD
+    if state.low <= p.patience and jump < p.near and level * min(colour / state.colour, 1.0) > p.present:
+        return _UNSURE
     return _WEAK if jump < p.near and level > p.follow_level else _BAD
 
 
@@ -892,7 +914,7 @@ def _settle(
         rate = p.velocity_rate
         return pose, (vx + rate * (pose.cx - old.cx - vx), vy + rate * (pose.cy - old.cy - vy)), 0
     if verdict in (_UNSURE, _WEAK):
-        low = max(state.low, 1) if verdict == _UNSURE else state.low + 1
+        low = 1 if verdict == _UNSURE else state.low + 1
         return Pose(coarse.cx, coarse.cy, old.sx, old.sy), (0.5 * vx, 0.5 * vy), low
     low = state.low + 1
     if low > p.patience:
