@@ -129,8 +129,12 @@ def respond(filter_: CorrelationFilter, channels: F32) -> F32:
     height, width = channels.shape[1:]
     floor = np.float32(_REGULARISATION * channels.shape[0] * height * width)
     product = (filter_.numerator * spectrum).sum(axis=0) / (filter_.energy + floor)
-    response = np.fft.irfft2(product, s=(height, width)).astype(np.float32)
-    return np.fft.fftshift(response)
+    response = np.fft.irfft(np.fft.ifft(product, axis=0), n=width).astype(np.float32, copy=False)
+    shifted = np.empty_like(response)
+    down, across = height // 2, width // 2
+    shifted[down:, across:], shifted[down:, :across] = response[:-down, :-across], response[:-down, -across:]
+    shifted[:down, across:], shifted[:down, :across] = response[-down:, :-across], response[-down:, -across:]
+    return shifted
 
 
 @dataclass(frozen=True)
@@ -165,7 +169,8 @@ def correlation(a: F32, b: F32, weights: F32) -> float:
 
 
 def _transform(plane: F32) -> C64:
-    return np.fft.rfft2(plane).astype(np.complex64)
+    # rfft2 is these two, after a search for what its arguments mean.
+    return np.fft.fft(np.fft.rfft(plane), axis=-2).astype(np.complex64, copy=False)
 
 
 def _power(spectrum: C64) -> F32:

@@ -41,7 +41,7 @@ from .propagation_state import (
     halved,
     jump_from,
 )
-from .propagation_view import View, channels, foreground, histograms_of, likelihood_of
+from .propagation_view import COLOURS, GRAYS, View, bins_of, channels, foreground, histograms_of, likelihood_of
 
 __all__ = ["PropagationParams", "PropagationReport", "PropagationState", "ride", "start", "step"]
 
@@ -108,7 +108,7 @@ def _window(g: Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, 
 def _first_colour(view: View, pose: Pose, model: Model, g: Geometry) -> float:
     if model.likelihood is None:
         return 1.0
-    likelihood = foreground(view.coarse(pose), model.likelihood)
+    likelihood = foreground(bins_of(view.coarse(pose)), model.likelihood)
     found = Found(0.0, pose, 0.0, likelihood, pose, likelihood)
     fine = finer(found, g)
     return 1.0 if fine is None else float(np.vdot(g.inner, fine))
@@ -116,11 +116,12 @@ def _first_colour(view: View, pose: Pose, model: Model, g: Geometry) -> float:
 
 def _first_model(view: View, g: Geometry, pose: Pose, p: PropagationParams) -> Model:
     fine, raw = view.fine(pose), view.coarse(pose)
-    histograms = likelihood = None
+    bins = histograms = likelihood = None
     if raw.shape[2] == 1 or float(np.abs(raw[:, :, 0] - raw[:, :, 2]).mean()) > _COLOUR_THRESHOLD:
-        histograms = histograms_of(raw, g.inside)
+        bins = bins_of(raw)
+        histograms = histograms_of(bins, GRAYS if raw.shape[2] == 1 else COLOURS, g.inside)
         likelihood = likelihood_of(histograms)
-    located = anchor.train(channels(view, pose, raw, likelihood, g), p.filter_sigma)
+    located = anchor.train(channels(view, pose, bins, likelihood, g), p.filter_sigma)
     return Model(fine, fine, np.zeros_like(fine), np.ones_like(fine), (fine,), 0, histograms, likelihood, located)
 
 
@@ -399,10 +400,11 @@ def _learn(
 ) -> Model:
     patch, rate = model.previous, np.float32(p.patch_rate)
     histograms, likelihood = model.histograms, model.likelihood
-    raw = view.coarse(pose)
-    located = anchor.learn(model.located, channels(view, pose, raw, model.likelihood, g), p.filter_rate)
-    if histograms is not None:
-        histograms = histograms + np.float32(p.colour_rate) * (histograms_of(raw, g.inside) - histograms)
+    bins = None if histograms is None else bins_of(view.coarse(pose))
+    located = anchor.learn(model.located, channels(view, pose, bins, model.likelihood, g), p.filter_rate)
+    if histograms is not None and bins is not None:
+        fresh = histograms_of(bins, histograms.shape[1], g.inside)
+        histograms = histograms + np.float32(p.colour_rate) * (fresh - histograms)
         likelihood = likelihood_of(histograms)
     keys, age = model.keys, model.key_age + 1
     if best_key < _KEY_MATCH and carried.agreement > 0.6 and kept >= p.new_key and age >= p.key_gap:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from . import anchor, patches
 from .propagation_state import Geometry, Pose, PropagationParams, PropagationState
-from .propagation_view import View, foreground
+from .propagation_view import View, bins_of, foreground
 
 __all__ = ["Found", "find", "finer", "look"]
 
@@ -35,9 +35,9 @@ class Found:
 def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty: float) -> Found:
     """Best place in the window at a pose."""
     g = state.geometry
-    raw, likelihood = view.coarse(at), None
+    likelihood = None
     if state.model.likelihood is not None:
-        likelihood = foreground(raw, state.model.likelihood)
+        likelihood = foreground(bins_of(view.coarse(at)), state.model.likelihood)
     response = anchor.respond(state.model.located, anchor.features(view.context(at), likelihood, g.window))
     across = g.across + np.float32((at.cx - expected.cx) / (g.w * expected.sx))
     down = g.down + np.float32((at.cy - expected.cy) / (g.h * expected.sy))

@@ -145,7 +145,7 @@ class PropagationParams:
     reset_below: float = 0.6
     reset_match: float = 0.7
     reset_gain: float = 0.15
-    reset_level: float = 0.8
+    reset_level: float = 0.6
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ from . import anchor, patches
 from .frames import Frame, crop, to_gray
 from .propagation_state import Geometry, Pose
 
-__all__ = ["View", "channels", "foreground", "histograms_of", "likelihood_of"]
+__all__ = ["COLOURS", "GRAYS", "View", "bins_of", "channels", "foreground", "histograms_of", "likelihood_of"]
 
 F32 = NDArray[np.float32]
 
 _CONTRAST = 32.0
+GRAYS, COLOURS = 64, 4096
 
 
 class View:
@@ -93,19 +94,18 @@ class View:
         self._gray = to_gray(self._colour)[:, :, None]
 
 
-def _bins(raw: F32) -> NDArray[np.int32]:
+def bins_of(raw: F32) -> NDArray[np.int32]:
+    """Bin of colour of each sample of a coarse window: 64 of gray or 16³ of colour."""
     if raw.shape[2] == 1:
-        return np.minimum((raw[:, :, 0] * np.float32(1 / 4)).astype(np.int32), 63)
+        return np.minimum((raw[:, :, 0] * np.float32(1 / 4)).astype(np.int32), GRAYS - 1)
     level = np.minimum(raw.astype(np.int32) >> 4, 15)
     return np.asarray((level[:, :, 0] << 8) + (level[:, :, 1] << 4) + level[:, :, 2], np.int32)
 
 
-def histograms_of(raw: F32, inside: NDArray[np.bool_]) -> F32:
-    """Shares of the colours inside and outside in a coarse window, (2, bins)."""
-    bins = _bins(raw)
-    count = 64 if raw.shape[2] == 1 else 4096
+def histograms_of(bins: NDArray[np.int32], count: int, inside: NDArray[np.bool_]) -> F32:
+    """Shares of `count` bins inside and outside in a coarse window, (2, bins)."""
     both = np.stack([np.bincount(bins[m], minlength=count) for m in (inside, ~inside)]).astype(np.float32)
-    if raw.shape[2] == 1:
+    if count == GRAYS:
         both = np.asarray(cv2.GaussianBlur(both, (7, 1), 1.5), np.float32)
     return np.asarray(both / np.maximum(both.sum(axis=1, keepdims=True), 1.0), np.float32)
 
@@ -116,12 +116,12 @@ def likelihood_of(histograms: F32) -> F32:
     return share
 
 
-def foreground(raw: F32, likelihood: F32) -> F32:
+def foreground(bins: NDArray[np.int32], likelihood: F32) -> F32:
     """Likelihood of the object's colours in each sample of a coarse window, (h, w)."""
-    return np.asarray(cv2.blur(likelihood.take(_bins(raw)), (3, 3)), np.float32)
+    return np.asarray(cv2.blur(likelihood.take(bins), (3, 3)), np.float32)
 
 
-def channels(view: View, pose: Pose, raw: F32, likelihood: F32 | None, g: Geometry) -> F32:
-    """Channels of the correlation filter at a pose, where `raw` is the coarse window."""
-    seen = None if likelihood is None else foreground(raw, likelihood)
+def channels(view: View, pose: Pose, bins: NDArray[np.int32] | None, likelihood: F32 | None, g: Geometry) -> F32:
+    """Channels of the correlation filter at a pose; `bins` are those of the coarse window, if colours are used."""
+    seen = None if likelihood is None or bins is None else foreground(bins, likelihood)
     return anchor.features(view.context(pose), seen, g.window)
