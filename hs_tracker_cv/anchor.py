@@ -16,12 +16,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from . import patches
+
 __all__ = ["CorrelationFilter", "Peak", "correlation", "features", "find_peak", "hann", "learn", "respond", "train"]
 
 F32 = NDArray[np.float32]
 C64 = NDArray[np.complex64]
 
 _REGULARISATION = 1e-3
+_EDGES = 3.0
 
 
 @dataclass(frozen=True)
@@ -56,12 +59,12 @@ def hann(height: int, width: int) -> F32:
 
 
 def features(gray: F32, likelihood: F32 | None, window: F32) -> F32:
-    """Channels of the filter: log-gray, the gradient's direction, and the colour likelihood when there is one.
+    """Channels of the filter: edges in four directions, log-gray, and the colour likelihood when there is one.
 
     Parameters
     ----------
-    gray : ndarray, shape (h, w), float32
-        0–255.
+    gray : ndarray, shape (2 h, 2 w), float32
+        0–255, twice as fine as the filter.
     likelihood : ndarray, shape (h, w), float32, or None
         Share of the object's colour in each sample, 0–1.
     window : ndarray, shape (h, w), float32
@@ -70,24 +73,18 @@ def features(gray: F32, likelihood: F32 | None, window: F32) -> F32:
     Returns
     -------
     ndarray, shape (C, h, w), float32
-        C is 3 or 4; each channel of zero mean under the window and about unit variance.
+        C is 5 or 6; each channel of zero mean under the window and about unit variance.
     """
-    out = np.empty((3 if likelihood is None else 4, *gray.shape), np.float32)
-    light = cv2.log(gray + np.float32(8.0))
+    out = np.empty((5 if likelihood is None else 6, *window.shape), np.float32)
+    patches.orientations(gray, out[:4])
+    out[:4] *= np.float32(_EDGES)
+    rows = gray[::2] + gray[1::2]
+    light = cv2.log((rows[:, ::2] + rows[:, 1::2]) * np.float32(0.25) + np.float32(8.0))
     mean, deviation = cv2.meanStdDev(light)
-    out[0] = (light - mean[0, 0]) / (deviation[0, 0] + 0.05)
-    gx = cv2.Sobel(gray, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
-    gy = cv2.Sobel(gray, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
-    # Not cv2.magnitude: its last bits depend on the address of the array.
-    length = np.hypot(gx, gy)
-    typical = float(length.mean())
-    length += np.float32(0.5 * typical + 1.0)
-    np.divide(gx, length, out=out[1])
-    np.divide(gy, length, out=out[2])
-    out[1:3] *= np.float32(2.0)
+    out[4] = (light - mean[0, 0]) / (deviation[0, 0] + 0.05)
     if likelihood is not None:
-        np.subtract(likelihood, np.float32(likelihood.mean()), out=out[3])
-        out[3] *= np.float32(3.0)
+        np.subtract(likelihood, np.float32(likelihood.mean()), out=out[5])
+        out[5] *= np.float32(3.0)
     out *= window
     return out
 
@@ -132,8 +129,12 @@ def respond(filter_: CorrelationFilter, channels: F32) -> F32:
     height, width = channels.shape[1:]
     floor = np.float32(_REGULARISATION * channels.shape[0] * height * width)
     product = (filter_.numerator * spectrum).sum(axis=0) / (filter_.energy + floor)
-    response = np.fft.irfft2(product, s=(height, width)).astype(np.float32)
-    return np.fft.fftshift(response)
+    response = np.fft.irfft(np.fft.ifft(product, axis=0), n=width).astype(np.float32, copy=False)
+    shifted = np.empty_like(response)
+    down, across = height // 2, width // 2
+    shifted[down:, across:], shifted[down:, :across] = response[:-down, :-across], response[:-down, -across:]
+    shifted[:down, across:], shifted[:down, :across] = response[-down:, :-across], response[-down:, -across:]
+    return shifted
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,8 @@ def correlation(a: F32, b: F32, weights: F32) -> float:
 
 
 def _transform(plane: F32) -> C64:
-    return np.fft.rfft2(plane).astype(np.complex64)
+    # rfft2 is these two, after a search for what its arguments mean.
+    return np.fft.fft(np.fft.rfft(plane), axis=-2).astype(np.complex64, copy=False)
 
 
 def _power(spectrum: C64) -> F32:

@@ -1,4 +1,4 @@
-"""Compiled kernels of the propagation mode: patch sampling and the robust fit of a flow field.
+"""Compiled kernels of the propagation mode: patch sampling, orientations, and the robust fit of a flow field.
 
 Arrays in, arrays out; no checks, no options: :mod:`~hs_tracker_cv.propagation` and
 :mod:`~hs_tracker_cv.anchor` call them with C-contiguous float32 arrays.
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .compiling import kernel, larger, local, part, root, smaller
 
-__all__ = ["fit_motion", "misfit", "residual_weights", "sample"]
+__all__ = ["fit_motion", "misfit", "orientations", "residual_weights", "sample"]
 
 Image = Annotated[NDArray[np.float32], 3]
 Plane = Annotated[NDArray[np.float32], 2]
@@ -111,6 +111,71 @@ def _sample(
                 for k in range(length_x):
                     total += weight_x[j, k] * line[base + k * channels + c]
                 out[i, j, c] = total
+
+
+def orientations(gray: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+    """Strength of the edges in four directions, in cells of 2 × 2 pixels, against that of the surroundings.
+
+    With the gradient (x, y) of length r, a pixel adds the positive and the negative part of (x² − y²) / r and of
+    2xy / r to its cell: so an edge and its negative are the same, and a small turn changes little. A cell is divided
+    by the root of the mean square in the 3 × 3 cells round it plus a floor, and limited to 1, as in N. Dalal and
+    B. Triggs, "Histograms of oriented gradients for human detection", CVPR 2005.
+
+    Parameters
+    ----------
+    gray : ndarray, shape (2 h, 2 w), float32
+        0–255.
+    out : ndarray, shape (4, h, w), float32
+        Receives the channels, of zero mean each.
+    """
+    _orientations(gray, np.empty(out.shape[1:], np.float32), out)
+
+
+@kernel()
+def _orientations(gray: Plane, energy: Plane, out: Image) -> None:
+    """Edges by direction: as `orientations`, with room to work in."""
+    _, rows, columns = out.shape
+    bottom, end = gray.shape[0] - 1, gray.shape[1] - 1
+    total = 0.0
+    for i in range(rows):
+        for j in range(columns):
+            a = b = c = d = np.float32(0.0)
+            for k in range(4):
+                y, x = 2 * i + (k >> 1), 2 * j + (k & 1)
+                gx = gray[y, smaller(x + 1, end)] - gray[y, larger(x - 1, 0)]
+                gy = gray[smaller(y + 1, bottom), x] - gray[larger(y - 1, 0), x]
+                length = root(gx * gx + gy * gy) + np.float32(1e-6)
+                straight = (gx * gx - gy * gy) / length
+                diagonal = np.float32(2.0) * gx * gy / length
+                a += larger(straight, np.float32(0.0))
+                b += larger(-straight, np.float32(0.0))
+                c += larger(diagonal, np.float32(0.0))
+                d += larger(-diagonal, np.float32(0.0))
+            out[0, i, j], out[1, i, j], out[2, i, j], out[3, i, j] = a, b, c, d
+            energy[i, j] = a * a + b * b + c * c + d * d
+            total += energy[i, j]
+    floor = np.float32(0.3 * root(total / (rows * columns)) + 4.0)
+    for i in range(rows):
+        up, down = larger(i - 1, 0), smaller(i + 1, rows - 1)
+        for j in range(columns):
+            left, right = larger(j - 1, 0), smaller(j + 1, columns - 1)
+            near = (
+                energy[up, left] + energy[up, j] + energy[up, right]
+                + energy[i, left] + energy[i, j] + energy[i, right]
+                + energy[down, left] + energy[down, j] + energy[down, right]
+            ) / np.float32(9.0)  # fmt: skip
+            share = np.float32(1.0) / root(near + floor * floor)
+            for k in range(4):
+                out[k, i, j] = smaller(out[k, i, j] * share, np.float32(1.0))
+    for k in range(4):
+        total = 0.0
+        for i in range(rows):
+            for j in range(columns):
+                total += out[k, i, j]
+        mean = np.float32(total / (rows * columns))
+        for i in range(rows):
+            for j in range(columns):
+                out[k, i, j] -= mean
 
 
 def residual_weights(

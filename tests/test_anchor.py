@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv import anchor
+from hs_tracker_cv import anchor, patches
 
 SIDE = 64
 
@@ -19,8 +19,9 @@ def _scene(seed: int = 3) -> NDArray[np.float32]:
 
 
 def _window(scene: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float32]:
-    middle = (scene.shape[1] / 2 - dx, scene.shape[0] / 2 - dy)
-    return np.asarray(cv2.getRectSubPix(scene, (SIDE, SIDE), middle), np.float32)
+    """Gray window of a scene that moved by (dx, dy) samples of the filter, each of 2 × 2 px."""
+    middle = (scene.shape[1] / 2 - 2 * dx, scene.shape[0] / 2 - 2 * dy)
+    return np.asarray(cv2.getRectSubPix(scene, (2 * SIDE, 2 * SIDE), middle), np.float32)
 
 
 def _channels(window: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -68,13 +69,33 @@ def test_learning_moves_the_filter_and_leaves_the_old_one_alone() -> None:
 
 
 def test_likelihood_adds_a_channel() -> None:
-    """A colour likelihood is a fourth channel; every channel fades towards the border."""
+    """A colour likelihood is a sixth channel; every channel fades towards the border."""
     window, likelihood = _window(_scene(), 0, 0), np.full((SIDE, SIDE), 0.5, np.float32)
     likelihood[20:40, 20:40] = 0.9
     channels = anchor.features(window, likelihood, anchor.hann(SIDE, SIDE))
-    assert channels.shape == (4, SIDE, SIDE)
+    assert channels.shape == (6, SIDE, SIDE)
     assert np.abs(channels[:, 0]).max() < 0.02
-    assert np.abs(channels[3, 25:35, 25:35]).min() > 0.5
+    assert np.abs(channels[5, 25:35, 25:35]).min() > 0.5
+
+
+@pytest.mark.parametrize("turn", [0, 1, 2, 3])
+def test_orientation_has_its_channel(turn: int) -> None:
+    """A grating at a multiple of 45 degrees is strongest in one channel, the same for the grating's negative."""
+    y, x = np.mgrid[:32, :32].astype(np.float32)
+    angle = np.pi / 4 * turn
+    grating = np.asarray(128 + 60 * np.sin(0.7 * (x * np.cos(angle) + y * np.sin(angle))), np.float32)
+    flat = np.full((32, 32), 128, np.float32)
+    out = np.empty((4, 16, 16), np.float32)
+    stepped = grating.copy()
+    stepped[:, :16] = 128.0
+    patches.orientations(stepped, out)
+    right = out[:, 2:-2, 9:-1].mean(axis=(1, 2))
+    assert int(np.argmax(right)) == [0, 2, 1, 3][turn]
+    negative = np.empty_like(out)
+    patches.orientations(np.asarray(256 - stepped, np.float32), negative)
+    np.testing.assert_allclose(negative, out, atol=1e-5)
+    patches.orientations(flat, out)
+    np.testing.assert_array_equal(out, 0.0)
 
 
 def test_peak_position_is_parabolic() -> None:
@@ -97,7 +118,7 @@ def test_peak_position_is_parabolic() -> None:
 def test_correlation_ignores_gain_and_offset(gain: float, offset: float, expected: float) -> None:
     """Agreement is ±1 for any linear change of brightness."""
     patch = _window(_scene(), 0, 0)
-    weights = anchor.hann(SIDE, SIDE)
+    weights = anchor.hann(2 * SIDE, 2 * SIDE)
     changed = np.asarray(gain * patch + offset, np.float32)
     assert anchor.correlation(patch, changed, weights) == pytest.approx(expected, abs=1e-3)
     assert abs(anchor.correlation(patch, _window(_scene(8), 0, 0), weights)) < 0.4

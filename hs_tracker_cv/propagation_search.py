@@ -1,0 +1,122 @@
+"""Where the object is by the correlation filter: here, round here, and after a loss all over the frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import anchor, patches
+from .propagation_state import Geometry, Pose, PropagationParams, PropagationState
+from .propagation_view import View, bins_of, foreground
+
+__all__ = ["Found", "find", "finer", "look"]
+
+F32 = NDArray[np.float32]
+
+_LOOKS, _PLACES = 8, 200
+
+
+@dataclass(frozen=True)
+class Found:
+    """Answer of the correlation filter: `value` is its height less the distance penalty."""
+
+    value: float
+    pose: Pose
+    height: float
+    response: F32
+    window: Pose
+    likelihood: F32 | None
+
+
+def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty: float) -> Found:
+    """Best place in the window at a pose."""
+    g = state.geometry
+    likelihood = None
+    if state.model.likelihood is not None:
+        likelihood = foreground(bins_of(view.coarse(at)), state.model.likelihood)
+    response = anchor.respond(state.model.located, anchor.features(view.context(at), likelihood, g.window))
+    across = g.across + np.float32((at.cx - expected.cx) / (g.w * expected.sx))
+    down = g.down + np.float32((at.cy - expected.cy) / (g.h * expected.sy))
+    fade: F32 = np.float32(penalty) * (across * across + down * down)
+    top = anchor.find_peak(response - fade)
+    rows, columns = response.shape
+    row, column = min(round(top.dy) + rows // 2, rows - 1), min(round(top.dx) + columns // 2, columns - 1)
+    pose = at.moved(top.dx * g.coarse_step * at.sx, top.dy * g.coarse_step * at.sy)
+    return Found(top.height, pose, float(response[row, column]), response, at, likelihood)
+
+
+def find(
+    state: PropagationState,
+    view: View,
+    expected: Pose,
+    p: PropagationParams,
+    near: tuple[float, float] | None = None,
+) -> Found:
+    """Best place in the window at the pose expected, and elsewhere where that is a poor one.
+
+    An object that is lost is looked for `near` a point (frame px), too.
+    """
+    g = state.geometry
+    penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
+    best = look(state, view, expected, expected, penalty)
+    if best.height < p.weak * state.peak:
+        lost = state.low - p.patience
+        places = _elsewhere(state.pose, g, view, lost)
+        if near is not None and lost > 0:
+            places.append(replace(state.pose, cx=near[0] - 0.5, cy=near[1] - 0.5))
+        for at in places:
+            # Nothing is known of where a lost object is, so that no place is worth less than another.
+            best = max(best, look(state, view, at, at if lost > 0 else expected, penalty), key=lambda f: f.value)
+    moved = math.hypot(best.pose.cx - expected.cx, best.pose.cy - expected.cy)
+    if moved > p.recentre * g.coarse_step * expected.sx:
+        # The window fades what is far from its centre: only a second look says how high the peak really is.
+        best = look(state, view, best.pose, best.pose if state.low > p.patience else expected, penalty)
+    return best
+
+
+def finer(found: Found, g: Geometry) -> F32 | None:
+    """Colour likelihood on the lattice of the fine patch at the pose found, read from the coarse window."""
+    if found.likelihood is None:
+        return None
+    rows, columns = found.likelihood.shape
+    x = (found.pose.cx - found.window.cx) / (g.coarse_step * found.window.sx) + 0.5 * (columns - 1)
+    y = (found.pose.cy - found.window.cy) / (g.coarse_step * found.window.sy) + 0.5 * (rows - 1)
+    out = np.empty((*g.weights.shape, 1), np.float32)
+    ratio = g.fine_step / g.coarse_step
+    patches.sample(found.likelihood[:, :, None], x, y, ratio, ratio, out)
+    return out[:, :, 0]
+
+
+def _elsewhere(pose: Pose, g: Geometry, view: View, lost: int) -> list[Pose]:
+    """Where else to look: all round the last pose; once lost, at a few more places in each frame, near ones first.
+
+    The places are a box apart and cover the frame, or of a large one the part round the last pose; then from the
+    beginning again.
+    """
+    width, height = g.w * pose.sx, g.h * pose.sy
+    if lost <= 0:
+        steps = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)]
+    else:
+        frame_width, frame_height = view.size
+        places = _places(
+            *(max(0, int(room)) for room in (pose.cx / width, (frame_width - pose.cx) / width)),
+            *(max(0, int(room)) for room in (pose.cy / height, (frame_height - pose.cy) / height)),
+        )
+        first = _LOOKS * (lost - 1)
+        steps = [places[i % len(places)] for i in range(first, first + min(_LOOKS, len(places)))]
+    found = (pose.moved(across * width, down * height) for across, down in steps)
+    return [at for at in found if view.contains(at)]
+
+
+@lru_cache(maxsize=64)
+def _places(left: int, right: int, up: int, down: int) -> list[tuple[int, int]]:
+    """Steps to the nearest of all places that so many steps reach, the nearest first."""
+    # No farther than the nearest can lie: a small object in a large frame has a hundred thousand places.
+    reach = 16 + _PLACES // min(left + right + 1, up + down + 1)
+    left, right, up, down = (min(room, reach) for room in (left, right, up, down))
+    steps = [(x, y) for y in range(-up, down + 1) for x in range(-left, right + 1) if (x, y) != (0, 0)]
+    return sorted(steps, key=lambda step: step[0] ** 2 + step[1] ** 2)[:_PLACES]

@@ -1,0 +1,312 @@
+"""What the propagation mode carries from frame to frame: parameters, poses, what was learned, the report."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from . import anchor
+from .geometry import Box
+
+__all__ = [
+    "Geometry",
+    "Model",
+    "Pose",
+    "PropagationParams",
+    "PropagationReport",
+    "PropagationState",
+    "box_at",
+    "geometry_of",
+    "halved",
+    "jump_from",
+]
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class PropagationParams:
+    """Numbers of the propagation mode.
+
+    Lengths in "samples" are relative to the object, whose box has sides of geometric mean `fine_size` samples in
+    the fine patch and `coarse_size` in the coarse window, whatever its size in the frame.
+
+    Parameters
+    ----------
+    fine_size, fine_margin : float
+        Size of the box in the fine patch, and of the margin round it, samples.
+    coarse_size, coarse_margin : float
+        The same for the coarse window of the correlation filter.
+    smoothness : float
+        λ of the flow; the patches are normalised to a standard deviation of 32 gray levels.
+    preset : str
+        Flow preset, see :class:`~hs_tracker_cv.flow.HornSchunck`.
+    levels, key_levels, warps : int
+        Pyramid levels of the flow between frames and from keyframes, and warps per level.
+    max_scale_step, max_key_scale : float
+        Largest relative change of size taken from one flow field.
+    patch_rate, colour_rate, filter_rate : float
+        Share of a good frame in the running means: patch, colours, correlation filter.
+    filter_sigma : float
+        Width of the filter's wanted response, coarse samples.
+    distance_penalty : float
+        Taken from the response at one box size from the prediction (grows with the square).
+    velocity_rate : float
+        Share of the last displacement in the predicted one.
+    keys : int
+        Largest number of keyframes; the first is never dropped.
+    key_gap : int
+        Fewest good frames between two new keyframes.
+    patience : int
+        Frames without good agreement before the object counts as lost; bad ones are bridged by the velocity.
+    confidence : float
+        Least sum of peak height and agreement with the first keyframe that is believed.
+    weak : float
+        A peak lower than this share of its running mean makes the search look around.
+    recentre : float
+        Displacement, in coarse samples, beyond which the window is looked at again round the peak.
+    far, found, far_level, far_match : float
+        A displacement from the prediction over `far` box sizes, and what a lost object is found again by, needs a
+        peak of `found` that is `far_level` of its running mean, and agreement `far_match` with some keyframe.
+    near, near_level, follow_level : float
+        Any other needs `near_level`; within `near` box sizes, `follow_level` is enough to follow without learning.
+    drop, match_rate, doubt : float
+        Agreement with the best keyframe under `drop` of its running mean (rate `match_rate`) is not learned, unless
+        the sum of peak height and agreement with the first keyframe is over `doubt`.
+    present : float
+        Share of its running mean that the peak keeps, times the share of the object's colours that the box keeps,
+        from which an object within `near` box sizes is followed although it looks like nothing that was learned.
+    separation : float
+        Difference of motion, fine samples per frame, from which object and surroundings are told apart.
+    mask_rate : float
+        Share of one frame in the memory of which pixels move with the object.
+    same, changed : float
+        Difference of normalised gray levels up to which a pixel carried by the flow is the same, and from which it
+        is another one.
+    keep_rate : float
+        How fast a pixel that looks as it was learned counts as the object's again.
+    coherent : float
+        Correlation of successive patches along the flow from which one continues the other; less takes its share
+        from what is kept.
+    unsure, new_key : float
+        Share of the box kept from which a weak peak is still believed to be the object, and from which a new
+        keyframe may be added.
+    reset_below, reset_match, reset_gain, reset_level : float
+        Agreement with the first keyframe below which other sizes are tried, one per frame; the agreement that one
+        of them must have, and by how much it must be the better one; and the share of the peak that must be left.
+    """
+
+    fine_size: float = 32.0
+    fine_margin: float = 9.6
+    coarse_size: float = 16.0
+    coarse_margin: float = 16.0
+    smoothness: float = 6.0
+    preset: str = "fast"
+    levels: int = 4
+    key_levels: int = 3
+    warps: int = 2
+    max_scale_step: float = 0.03
+    max_key_scale: float = 0.1
+    patch_rate: float = 0.03
+    colour_rate: float = 0.05
+    filter_rate: float = 0.06
+    filter_sigma: float = 1.6
+    distance_penalty: float = 0.15
+    velocity_rate: float = 0.5
+    keys: int = 4
+    key_gap: int = 8
+    patience: int = 3
+    confidence: float = 0.36
+    weak: float = 0.42
+    recentre: float = 4.0
+    far: float = 0.6
+    far_level: float = 0.55
+    far_match: float = 0.5
+    found: float = 0.25
+    near: float = 0.35
+    near_level: float = 0.38
+    follow_level: float = 0.33
+    drop: float = 0.55
+    doubt: float = 0.72
+    match_rate: float = 0.1
+    present: float = 0.35
+    separation: float = 0.3
+    mask_rate: float = 0.1
+    same: float = 16.0
+    changed: float = 40.0
+    keep_rate: float = 0.2
+    coherent: float = 0.6
+    unsure: float = 0.3
+    new_key: float = 0.8
+    reset_below: float = 0.6
+    reset_match: float = 0.7
+    reset_gain: float = 0.15
+    reset_level: float = 0.6
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the box is: centre in pixel-index coordinates, and size relative to the first box."""
+
+    cx: float
+    cy: float
+    sx: float
+    sy: float
+
+    def moved(self, dx: float, dy: float) -> Pose:
+        """Return the pose translated by (dx, dy) px."""
+        return Pose(self.cx + dx, self.cy + dy, self.sx, self.sy)
+
+    def scaled(self, factor: float) -> Pose:
+        """Return the pose with its size multiplied."""
+        return Pose(self.cx, self.cy, self.sx * factor, self.sy * factor)
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What depends on the first box only: sampling steps, patch sizes and weights."""
+
+    w: float
+    h: float
+    fine_step: float
+    coarse_step: float
+    inner: F32
+    weights: F32
+    outside: F32
+    body: F32
+    body_weights: F32
+    window: F32
+    inside: NDArray[np.bool_]
+    across: F32
+    down: F32
+
+
+@dataclass(frozen=True)
+class PropagationReport:
+    """What one frame said.
+
+    Parameters
+    ----------
+    box : Box
+        Sub-pixel, frame px; the last believed one while lost.
+    ok : bool
+        The object was located.
+    score : float
+        Chance that the box overlaps the object by more than half, 0–1.
+    lost : bool
+        Searching.
+    origin : tuple of float
+        Top-left of the window, frame px.
+    step : tuple of float
+        Frame px per window pixel, across and down.
+    previous, current : ndarray, shape (h, w), float32
+        Windows the flow was computed on: gray, under the object of mean 0 and deviation 32.
+    flow : ndarray, shape (h, w, 2), float32
+        Window px per frame.
+    peak : float
+        Height of the correlation filter's peak.
+    response : ndarray, shape (rows, columns), float32
+        Response of the correlation filter.
+    agreement : float
+        Correlation with the mean patch, −1 to 1.
+    keys : tuple of float
+        Correlation with each keyframe; the first is the first frame.
+    kept : float
+        Share of the box that shows what it showed when it was last believed, 0–1.
+    verdict : str
+        "good": followed and learned. "unsure": it looks different, but what was in the box goes on there; followed,
+        not learned. "weak": followed, and about to be lost. "bad": not believed.
+    """
+
+    box: Box
+    ok: bool
+    score: float
+    lost: bool
+    origin: tuple[float, float]
+    step: tuple[float, float]
+    previous: F32
+    current: F32
+    flow: F32
+    peak: float
+    response: F32
+    agreement: float
+    keys: tuple[float, ...]
+    kept: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Model:
+    """What was learned about the object: patches, keyframes, colours, correlation filter."""
+
+    previous: F32
+    mean: F32
+    deviation: F32
+    mask: F32
+    keys: tuple[F32, ...]
+    key_age: int
+    histograms: F32 | None
+    likelihood: F32 | None
+    located: anchor.CorrelationFilter
+
+
+@dataclass(frozen=True)
+class PropagationState:
+    """Everything carried from frame to frame; immutable, picklable."""
+
+    geometry: Geometry
+    pose: Pose
+    velocity: tuple[float, float]
+    model: Model
+    peak: float
+    match: float
+    colour: float
+    good_frames: int
+    low: int
+    kept: F32
+    report: PropagationReport
+
+
+def geometry_of(box: Box, p: PropagationParams) -> Geometry:
+    """Sampling steps, sizes and weights of the patches for a first box, frame px."""
+    side = math.sqrt(box.w * box.h)
+    fine_step, coarse_step = side / p.fine_size, side / p.coarse_size
+    nw, nh = box.w / fine_step, box.h / fine_step
+    fw, fh = (2 * round((n + 2 * p.fine_margin) / 2) for n in (nw, nh))
+    y, x = np.mgrid[:fh, :fw].astype(np.float32)
+    x, y = (x - (fw - 1) / 2) / (nw / 2), (y - (fh - 1) / 2) / (nh / 2)
+    square = x * x + y * y
+    weights = np.exp(-((square / 0.9**2) ** 2))
+    inner = np.exp(-((square / 0.85**2) ** 2))
+    inner /= inner.sum()
+    outside = np.maximum(np.abs(x), np.abs(y)) > 1.1
+    cw, ch = (cv2.getOptimalDFTSize(round(n / coarse_step / 2 + p.coarse_margin)) * 2 for n in (box.w, box.h))
+    y, x = np.mgrid[:ch, :cw].astype(np.float32)
+    x, y = x * (coarse_step / box.w), y * (coarse_step / box.h)
+    across, down = x - x[0, cw // 2], y - y[ch // 2, 0]
+    inside = (np.abs(x - x[0, -1] / 2) < 0.45) & (np.abs(y - y[-1, 0] / 2) < 0.45)
+    return Geometry(
+        box.w, box.h, fine_step, coarse_step, inner.astype(np.float32), weights.astype(np.float32),
+        outside.astype(np.float32), halved((square < 1.2).astype(np.float32)),
+        np.float32(4.0) * halved(inner.astype(np.float32)), anchor.hann(ch, cw), inside, across, down,
+    )  # fmt: skip
+
+
+def halved(plane: F32) -> F32:
+    """Mean of 2 × 2 samples."""
+    rows = plane[::2] + plane[1::2]
+    return np.asarray((rows[:, ::2] + rows[:, 1::2]) * np.float32(0.25), np.float32)
+
+
+def box_at(g: Geometry, pose: Pose) -> Box:
+    """Box of an object at a pose, frame px."""
+    return Box.from_centre(pose.cx + 0.5, pose.cy + 0.5, g.w * pose.sx, g.h * pose.sy)
+
+
+def jump_from(g: Geometry, pose: Pose, expected: Pose) -> float:
+    """Distance from the prediction, box sizes."""
+    return math.hypot(pose.cx - expected.cx, pose.cy - expected.cy) / math.sqrt(g.w * g.h * expected.sx * expected.sy)
