@@ -120,7 +120,7 @@ def remember(frame: Frame, target: Target) -> Scene | None:
         return None
     samples = _samples(frame, step)
     colours = target.colours
-    scene = _histogram(_bins(samples), colours.size)
+    scene = _histogram(_bins(samples))
     telling = (colours >= _least_of(colours, _BULK)) & (colours > scene)
     distinct = float(colours[telling].sum())
     if distinct < _DISTINCT:
@@ -148,7 +148,7 @@ def look(scene: Scene, frame: Frame) -> Sighting | None:
         return None
     left, top = max(x - across // 2, 0), max(y - down // 2, 0)
     window = np.s_[top : y - down // 2 + down, left : x - across // 2 + across]
-    colours = _histogram(bins[window][changed[window] != 0], scene.target.colours.size)
+    colours = _histogram(bins[window][changed[window] != 0])
     least, more = _ALIKE
     if float(np.sqrt(colours * scene.target.colours).sum()) < least + more * min(share, 1.0):
         return None
@@ -180,8 +180,9 @@ def _changed(scene: Scene, samples: NDArray[np.float32]) -> NDArray[np.uint8]:
     return (np.abs(samples - scene.samples).max(axis=2) > threshold).astype(np.uint8)
 
 
-def _histogram(bins: NDArray[np.int32], count: int) -> NDArray[np.float32]:
-    return colour.histogram(np.bincount(bins.ravel(), minlength=count).astype(np.float32))
+def _histogram(bins: NDArray[np.int32]) -> NDArray[np.float32]:
+    counts = np.bincount(bins.ravel(), minlength=colour.BINS).astype(np.float32)
+    return colour.blend(np.zeros((2, colour.BINS), np.float32), np.stack((counts, counts)), 1.0)[0]
 
 
 def _least_of(histogram: NDArray[np.float32], share: float) -> float:
@@ -197,8 +198,7 @@ def _samples(frame: Frame, step: int) -> NDArray[np.float32]:
 
 
 def _bins(samples: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Bin of each sample, as the labelling kernel numbers them."""
-    if samples.shape[2] == 3:
-        blue, green, red = (samples[:, :, c].astype(np.int32) >> 5 for c in range(3))
-        return (blue * 8 + green) * 8 + red
-    return samples[:, :, 0].astype(np.int32) >> 3
+    """Bin of each sample, as segmentation numbers them; gray counts as three equal channels."""
+    levels = samples.astype(np.int32) >> 5
+    blue, green, red = (levels[:, :, c % samples.shape[2]] for c in range(3))
+    return (blue * 8 + green) * 8 + red
