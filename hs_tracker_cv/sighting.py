@@ -157,7 +157,7 @@ def look(scene: Scene, frame: Frame) -> Sighting | None:
 
 
 def foreign(scene: Scene, frame: Frame, box: Box) -> bool:
-    """Is what another tracker takes for the object something else?
+    """Tell whether what another tracker takes for the object is something else.
 
     It is not when what is new in the box has the object's colours, or when all that is in it has, new or not.
     """
@@ -177,12 +177,14 @@ def foreign(scene: Scene, frame: Frame, box: Box) -> bool:
 
 def _changed(scene: Scene, samples: NDArray[np.float32]) -> NDArray[np.uint8]:
     threshold = max(_CHANGED * scene.target.noise, _LEAST_CHANGE)
-    return (np.abs(samples - scene.samples).max(axis=2) > threshold).astype(np.uint8)
+    different: NDArray[np.bool_] = np.abs(samples - scene.samples).max(axis=2) > threshold
+    return different.view(np.uint8)
 
 
 def _histogram(bins: NDArray[np.int32]) -> NDArray[np.float32]:
     counts = np.bincount(bins.ravel(), minlength=colour.BINS).astype(np.float32)
-    return colour.blend(np.zeros((2, colour.BINS), np.float32), np.stack((counts, counts)), 1.0)[0]
+    nothing = np.zeros((2, colour.BINS), np.float32)
+    return np.ascontiguousarray(colour.blend(nothing, np.stack((counts, counts)), 1.0)[0])
 
 
 def _least_of(histogram: NDArray[np.float32], share: float) -> float:
@@ -201,4 +203,4 @@ def _bins(samples: NDArray[np.float32]) -> NDArray[np.int32]:
     """Bin of each sample, as segmentation numbers them; gray counts as three equal channels."""
     levels = samples.astype(np.int32) >> 5
     blue, green, red = (levels[:, :, c % samples.shape[2]] for c in range(3))
-    return (blue * 8 + green) * 8 + red
+    return np.asarray((blue * 8 + green) * 8 + red)

@@ -21,6 +21,7 @@ from .geometry import Box, iou
 from .layers import LayersReport, LayersState
 from .params import TrackerHS_Params
 from .propagation import PropagationReport, PropagationState
+from .sighting import Scene, Sighting, Target
 
 __all__ = ["TrackerDebug", "TrackerHS", "TrackerHS_create", "TrackerState"]
 
@@ -40,8 +41,13 @@ ASK_EVERY = 5
 """Frames between two questions to a carried box that rides on a segmentation that is doubted."""
 
 UNDERSTOOD = 0.06
-SIGHTED = 0.6
+"""Share of the background not explained below which what is new in the scene may be searched for the object."""
+
+SIGHTED = 0.45
+"""Score while a part of the object is sighted: so often its box overlapped the true one by half (develop)."""
+
 WHOLE = 0.8
+"""Share of the object sighted from which segmentation begins anew there."""
 
 TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
 
@@ -113,8 +119,8 @@ class _Track:
     first: _Seen | None = None
     score: float = 1.0
     state: TrackerState = "tracking"
-    target: sighting.Target | None = None
-    scene: sighting.Scene | None = None
+    target: Target | None = None
+    scene: Scene | None = None
 
 
 class TrackerHS:
@@ -290,38 +296,59 @@ def _advance(track: _Track, frame: Frame) -> _Track:
     """Take one frame in: the modes look, the rule chooses, the track is replaced."""
     seen = sighting.look(track.scene, frame) if track.scene else None
     segmented, carried, choice = _look(track, frame, seen)
-    target = track.target
     if segmented and carried:
-        difference = size_difference(segmented.report.box, carried.report.box)
-        judged = judge(choice, segmented.report.unexplained, difference)
-        if choice.trusted and not judged.trusted and segmented.report.ok:
-            carried, judged = _hand_over(track, carried, judged, frame)
-        elif judged.trusted and not choice.trusted and not carried.report.ok:
-            judged = replace(judged, trusted=False)  # nobody knows where the object is that it should follow
-        choice = judged
+        carried, choice = _choose(track, segmented, carried, choice, frame)
     report = _followed(segmented, carried, choice).report
-    if segmented and segmented.report.ok and (target is None or (choice.trusted and segmented.report.score > SURE)):
-        target = sighting.describe(segmented, target)
-    box, score, state, scene = report.box, report.score, _state(report, frame), None
-    if state != "tracking" and segmented and carried:
-        scene = track.scene
-        if track.state == "tracking" and scene is None and target and choice.unexplained < UNDERSTOOD:
-            scene = sighting.remember(frame, target)
-        if seen:
-            box, score, state = seen.box, SIGHTED, "tracking"
-            if seen.share > WHOLE:
-                segmented = layers.reseed(segmented, frame, box, LAYERS)
-                carried, choice, scene = propagation.ride(carried, box), Choice(), None
-    return _Track(
+    advanced = _Track(
         layers=segmented,
         propagation=carried,
         choice=choice,
-        box=box,
-        score=score,
-        state=state,
-        target=target,
-        scene=scene,
+        box=report.box,
+        score=report.score,
+        state=_state(report, frame),
+        target=_known(track.target, segmented, choice),
     )
+    return advanced if advanced.state == "tracking" else _await(track, advanced, frame, seen)
+
+
+def _choose(
+    track: _Track, segmented: LayersState, carried: PropagationState, choice: Choice, frame: Frame
+) -> tuple[PropagationState, Choice]:
+    judged = judge(choice, segmented.report.unexplained, size_difference(segmented.report.box, carried.report.box))
+    if choice.trusted and not judged.trusted and segmented.report.ok:
+        return _hand_over(track, carried, judged, frame)
+    if judged.trusted and not choice.trusted and not carried.report.ok:
+        judged = replace(judged, trusted=False)  # nobody knows where the object is that it should follow
+    return carried, judged
+
+
+def _known(target: Target | None, segmented: LayersState | None, choice: Choice) -> Target | None:
+    """What the object is known by: of frames in which it is surely segmented, or else of the first one."""
+    if segmented is None or not segmented.report.ok:
+        return target
+    if target is None or (choice.trusted and segmented.report.score > SURE):
+        return sighting.describe(segmented, target)
+    return target
+
+
+def _await(track: _Track, lost: _Track, frame: Frame, seen: Sighting | None) -> _Track:
+    """The object is lost: remember the scene without it, and answer with what is seen of it when it comes back.
+
+    When all of it is seen, segmentation begins anew there; until then both modes go on searching.
+    """
+    if lost.layers is None or lost.propagation is None:
+        return lost
+    scene = track.scene
+    if track.state == "tracking" and scene is None and lost.target and lost.choice.unexplained < UNDERSTOOD:
+        scene = sighting.remember(frame, lost.target)
+    if seen is None:
+        return replace(lost, scene=scene)
+    found = replace(lost, scene=scene, box=seen.box, score=SIGHTED, state="tracking")
+    if seen.share < WHOLE:
+        return found
+    segmented = layers.reseed(lost.layers, frame, seen.box, LAYERS)
+    carried = propagation.ride(lost.propagation, seen.box)
+    return replace(found, layers=segmented, propagation=carried, choice=Choice(), scene=None, score=SURE)
 
 
 def _hand_over(
@@ -338,7 +365,9 @@ def _hand_over(
     return carried, judged.keeping(track.choice)
 
 
-def _look(track: _Track, frame: Frame, seen: sighting.Sighting | None) -> tuple[LayersState | None, PropagationState | None, Choice]:
+def _look(
+    track: _Track, frame: Frame, seen: Sighting | None
+) -> tuple[LayersState | None, PropagationState | None, Choice]:
     """Both modes whole while the choice is young; then the one followed, and of the other what keeps it ready.
 
     Ready means: segmentation goes on learning the background round the carried box, which is also what its trust is
@@ -360,33 +389,26 @@ def _look(track: _Track, frame: Frame, seen: sighting.Sighting | None) -> tuple[
         segmented = segmented.replace(report=replace(segmented.report, ok=False, lost=True, score=0.0))
     if segmented.report.ok:
         return segmented, propagation.ride(carried, segmented.report.box), choice
-    return _search(segmented, carried, choice, frame, seen, track.scene)
+    return _search(track, segmented, carried, frame, seen)
 
 
 def _search(
-    segmented: LayersState,
-    carried: PropagationState,
-    choice: Choice,
-    frame: Frame,
-    seen: sighting.Sighting | None,
-    scene: sighting.Scene | None,
+    track: _Track, segmented: LayersState, carried: PropagationState, frame: Frame, seen: Sighting | None
 ) -> tuple[LayersState, PropagationState, Choice]:
     """Segmentation waits where the object was last; the carried box knows what it looks like and searches around.
 
     Where that finds it, segmentation begins anew, and has to earn its trust as after `init`.
     """
     searching = propagation.step(carried, frame, PROPAGATION, near=seen.box.centre if seen else None)
-    if searching.report.ok and not _believable(searching.report.box, scene, seen, frame):
-        return segmented, propagation.dismiss(carried, searching), choice
+    if searching.report.ok and not _believable(searching.report.box, track.scene, seen, frame):
+        return segmented, propagation.dismiss(carried, searching), track.choice
     if carried.report.lost and searching.report.ok:
         return layers.reseed(segmented, frame, searching.report.box, LAYERS), searching, Choice(trusted=False)
-    return segmented, searching, choice
+    return segmented, searching, track.choice
 
 
-def _believable(
-    box: Box, scene: sighting.Scene | None, seen: sighting.Sighting | None, frame: Frame
-) -> bool:
-    """May a mode that has lost the object have found it again in this box?"""
+def _believable(box: Box, scene: Scene | None, seen: Sighting | None, frame: Frame) -> bool:
+    """Tell whether a mode that has lost the object may have found it again in this box."""
     if scene is None:
         return True
     if seen and seen.share > WHOLE and iou(seen.box, box) < 0.5:
