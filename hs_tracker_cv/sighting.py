@@ -27,6 +27,7 @@ _ACROSS = 8  # samples across the shorter side of the object
 _MOST = 30_000  # samples of a frame
 _FEWEST = 3  # samples across the object below which nothing can be told
 _BULK = 0.9  # share of the object in its commonest colours: the others say nothing
+_OFTENER = 1.6  # times as common in the object as in the scene: a colour that speaks for the object
 _DISTINCT = 0.5  # share of the object in such colours below which they do not tell it from the scene
 _CHANGED = 4.0  # difference that counts as change, in units of the noise
 _LEAST_CHANGE = 12.0  # the same, gray levels
@@ -121,7 +122,7 @@ def remember(frame: Frame, target: Target) -> Scene | None:
     samples = _samples(frame, step)
     colours = target.colours
     scene = _histogram(_bins(samples))
-    telling = (colours >= _least_of(colours, _BULK)) & (colours > scene)
+    telling = (colours >= _least_of(colours, _BULK)) & (colours > _OFTENER * scene)
     distinct = float(colours[telling].sum())
     if distinct < _DISTINCT:
         return None
