@@ -27,10 +27,9 @@ from .flow_data import FlowPair
 from .flow_methods import flow_method
 from .flow_metrics import flow_scores
 from .flow_picture import flow_to_color, largest_flow
+from .worker import ONE_THREAD
 
 __all__ = ["FlowResult", "MethodProcess", "RunOptions", "run_pair"]
-
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -214,7 +213,7 @@ def _start(name: str) -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         cwd=Path(__file__).parent.parent,
-        env=os.environ | dict.fromkeys(THREAD_VARIABLES, "1"),
+        env=os.environ | ONE_THREAD,
     )
 
 

@@ -29,7 +29,7 @@ import psutil
 from .results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory, provenance
 from .sequences import Sequence
 from .trackers import TrackerSpec, code_version
-from .worker import UNWRITTEN
+from .worker import ONE_THREAD, UNWRITTEN
 
 __all__ = [
     "BLOCK",
@@ -290,7 +290,6 @@ def _open_command(job: Job) -> dict[str, Any]:
 
 def _spawn(stdin: Any, stdout: Any, stderr: Any) -> subprocess.Popen[str]:
     # One thread each: what is parallel here is the jobs. The search path travels too, for plugin trackers.
-    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
     root = str(Path(__file__).parent.parent)
     path = os.pathsep.join(dict.fromkeys([root, *(entry or os.getcwd() for entry in sys.path)]))
     return subprocess.Popen(
@@ -299,7 +298,7 @@ def _spawn(stdin: Any, stdout: Any, stderr: Any) -> subprocess.Popen[str]:
         stdout=stdout,
         stderr=stderr,
         text=True,
-        env={**os.environ, **threads, "PYTHONPATH": path},
+        env={**os.environ, **ONE_THREAD, "PYTHONPATH": path},
         # A session of its own: Ctrl-C reaches us alone, and we can end it with all that it has started.
         start_new_session=True,
     )

@@ -30,7 +30,10 @@ from numpy.typing import NDArray
 
 from .framesource import FrameSource, FrameSourceError
 
-__all__ = ["UNWRITTEN", "main", "resolve"]
+__all__ = ["ONE_THREAD", "UNWRITTEN", "main", "resolve"]
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+"""Environment of a process in which nothing runs beside what is measured."""
 
 UNWRITTEN = 74
 """Exit code of a worker whose records cannot be written (EX_IOERR of sysexits.h): not its tracker's fault."""
