@@ -147,7 +147,9 @@ def _four_numbers(values: Any) -> NDArray[np.float64] | None:
             return None
         if array.dtype.kind == "O" and any(isinstance(value, str | bytes | complex) for value in array):
             return None
-        return array.astype(np.float64)
+        # A long double beyond float64 becomes infinite, which is refused as such, and no warning.
+        with np.errstate(over="ignore"):
+            return array.astype(np.float64)
     except (TypeError, ValueError, OverflowError):
         return None
 

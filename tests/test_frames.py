@@ -96,6 +96,7 @@ def test_roi_partly_outside_is_clipped() -> None:
         (np.nan, 0, 9, 9),
         (0, 0, np.inf, 9),
         (10**400, 0, 9, 9),
+        np.full(4, np.finfo(np.longdouble).max),
         ([1], 2, 3, 4),
         ("a", 2, 3, 4),
         1j,
