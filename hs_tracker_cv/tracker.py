@@ -40,6 +40,9 @@ SURE = 0.9
 ASK_EVERY = 5
 """Frames between two questions to a carried box that rides on a segmentation that is doubted."""
 
+WATCH_EVERY = 2
+"""Frames between two looks at the background of an object whose segmentation is not trusted."""
+
 UNDERSTOOD = 0.06
 """Share of the background not explained below which what is new in the scene may be searched for the object."""
 
@@ -314,6 +317,8 @@ def _advance(track: _Track, frame: Frame) -> _Track:
 def _choose(
     track: _Track, segmented: LayersState, carried: PropagationState, choice: Choice, frame: Frame
 ) -> tuple[PropagationState, Choice]:
+    if segmented is track.layers:  # not watched in this frame
+        return carried, replace(choice, since=choice.since + 1)
     judged = judge(choice, segmented.report.unexplained, size_difference(segmented.report.box, carried.report.box))
     if choice.trusted and not judged.trusted and segmented.report.ok:
         return _hand_over(track, carried, judged, frame)
@@ -383,7 +388,9 @@ def _look(
         )
     if not choice.trusted:
         carried = propagation.step(carried, frame, PROPAGATION, near=near)
-        return layers.watch(segmented, frame, carried.report.box, LAYERS), carried, choice
+        if choice.since % WATCH_EVERY == 0:
+            segmented = layers.watch(segmented, frame, carried.report.box, LAYERS)
+        return segmented, carried, choice
     segmented = layers.step(segmented, frame, LAYERS)
     if segmented.report.ok and not _believable(segmented.report.box, track.scene, seen, frame):
         segmented = segmented.replace(report=replace(segmented.report, ok=False, lost=True, score=0.0))
