@@ -11,7 +11,7 @@ from . import colour, motion
 from . import mask as masks
 from .kernels import carry, evidence, label
 from .state import Image, LayersParams, LayersState, Plane
-from .window import View, shifted, translated
+from .window import View, shifted, shifted_mask, translated
 
 __all__ = ["Expected", "Labels", "assign", "displace", "expect", "expect_nothing", "weigh"]
 
@@ -120,7 +120,7 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
     dx, dy = -shift[0], -shift[1]
     h, w = expected.odds.shape
     return expected._replace(
-        own=shifted(expected.own, dx, dy, (h, w), 0),
+        own=shifted_mask(expected.own, dx, dy, (h, w)),
         odds=shifted(expected.odds, dx, dy, (h, w), -3.0),
         shape=shifted(expected.shape, dx, dy, (h, w), 0.0),
         obj=shifted(expected.obj, dx, dy, (h, w), 0.0),
@@ -139,7 +139,7 @@ def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Move
     knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise), np.float32)
     alike = evidence(
         view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
-        moves.atlas.counts, expected.part, view.inside, knobs, np.empty((26, w + 4), np.float32), errors, fresh,
+        moves.atlas.counts, expected.part, view.inside, knobs, np.empty((27, w + 4), np.float32), errors, fresh,
     )  # fmt: skip
     return Evidence(errors, fresh, float(alike))
 
