@@ -21,6 +21,16 @@ _ROOM = 4  # px
 _KAPPA_COLOUR = 1.8  # three channels tell more than one, but not three times as much
 
 
+class _Gains(NamedTuple):
+    """Local changes of brightness believed, from and to: of the background (in shadow or light) and of the object."""
+
+    ground: tuple[float, float] = (0.35, 2.5)
+    obj: tuple[float, float] = (0.6, 1.7)
+
+
+_GAINS = _Gains()
+
+
 class Expected(NamedTuple):
     """Both layers as they should look in this frame.
 
@@ -136,7 +146,8 @@ def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Move
     tau = _TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else _TAU_FRACTION
     kappa = _KAPPA_COLOUR if view.colour else 1.0
     occluded = float(state.occlusion.occluded)
-    knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise), np.float32)
+    gains = (*_GAINS.ground, *_GAINS.obj)
+    knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise, *gains), np.float32)
     alike = evidence(
         view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
         moves.atlas.counts, expected.part, view.inside, knobs, np.empty((27, w + 4), np.float32), errors, fresh,

@@ -88,7 +88,8 @@ def evidence(
     Parameters are windows: current image, background layer, previous image moved by the camera and by the object's
     motion, object layer and log-odds warped by the object's motion, the background's counts. `part` (x0, y0, x1, y1)
     is where the object layer has been warped; elsewhere nothing can be the object but what is new.
-    knobs = (tau_b², tau_o², κ, motion contrast, occluded, noise). `rows` (27, w + 4) is a workspace.
+    knobs = (tau_b², tau_o², κ, motion contrast, occluded, noise, least and greatest gain of the background, and of the
+    object). `rows` (27, w + 4) is a workspace.
     out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] local gain of the
     background, out[3] error against the previous image where the background is not yet known. `fresh` is 1 where
     something new covers a background that was seen a moment ago.
@@ -167,7 +168,7 @@ def evidence(
                 crossed = rows[22, x] + rows[22, x + 1] + rows[22, x + 2] + rows[22, x + 3] + rows[22, x + 4]
                 squared = rows[23, x] + rows[23, x + 1] + rows[23, x + 2] + rows[23, x + 3] + rows[23, x + 4]
                 g = (crossed + f32(1250.0)) / (squared + f32(1250.0))
-                g = smaller(larger(g, f32(0.35)), f32(2.5))
+                g = smaller(larger(g, knobs[6]), knobs[7])
                 grad = rows[20, x]
                 var = noise2 * (f32(1.0) + f32(1.0) / larger(n, f32(1.0))) + tau_b * grad
                 per = unit / var
@@ -196,7 +197,7 @@ def evidence(
                     crossed = rows[24, x] + rows[24, x + 1] + rows[24, x + 2] + rows[24, x + 3] + rows[24, x + 4]
                     squared = rows[25, x] + rows[25, x + 1] + rows[25, x + 2] + rows[25, x + 3] + rows[25, x + 4]
                     g = (crossed + f32(1250.0)) / (squared + f32(1250.0))
-                    g = smaller(larger(g, f32(0.6)), f32(1.7))
+                    g = smaller(larger(g, knobs[8]), knobs[9])
                     plain = larger(ii - f32(2.0) * io + oo, f32(0.0))
                     lit = larger(ii - f32(2.0) * g * io + g * g * oo, f32(0.0))
                     grad = tau_o * rows[21, x]
