@@ -88,8 +88,8 @@ def evidence(
     Parameters are windows: current image, background layer, previous image moved by the camera and by the object's
     motion, object layer and log-odds warped by the object's motion, the background's counts. `part` (x0, y0, x1, y1)
     is where the object layer has been warped; elsewhere nothing can be the object but what is new.
-    knobs = (tau_b², tau_o², κ, motion contrast, occluded, noise, least and greatest gain of the background, and of the
-    object). `rows` (27, w + 4) is a workspace.
+    knobs = (tau_b², tau_o², κ, motion contrast, occluded, noise, least and greatest gain of the background and of
+    the object). `rows` (27, w + 4) is a workspace.
     out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] local gain of the
     background, out[3] error against the previous image where the background is not yet known. `fresh` is 1 where
     something new covers a background that was seen a moment ago.
