@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from .common import FAR_OFF, KNOWN
 from .labelling import alpha_edge, evidence, label
-from .memory import blend_colours, learn
+from .memory import learn
 from .registration import collect, fit_affine, gauss_newton, median_flow, search_shift, start_flow
 from .shapes import extremes, overlap, spread
 from .windows import carry, fill_new, open_ground, outline, resample, shift, smooth
@@ -19,7 +19,6 @@ __all__ = [
     "FAR_OFF",
     "KNOWN",
     "alpha_edge",
-    "blend_colours",
     "carry",
     "collect",
     "evidence",

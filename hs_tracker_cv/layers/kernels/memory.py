@@ -167,34 +167,3 @@ def learn(
     sums[0] = known
     sums[1] = strange
     sums[2] = select(sample, taken, 0.85) / 3.0 if taken > 10 else -1.0
-
-
-@fast_kernel
-def blend_colours(colours: Plane, tally: Plane, rate: float, cubes: Plane, out: Plane) -> None:
-    """Histograms (2, 8 × 8 × 8 bins), smoothed along each axis of this frame's `tally`, mixed into `colours`.
-
-    A histogram without pixels stays as it is. `cubes` (2, bins) is a workspace.
-    """
-    count = colours.shape[1]
-    for side in range(2):
-        total = f32(0.0)
-        for k in range(count):
-            cubes[0, k] = tally[side, k]
-            total += tally[side, k]
-        for axis in range(3):
-            source = axis % 2
-            step = 1 << (3 * axis)
-            for k in range(count):
-                value = f32(0.7) * cubes[source, k]
-                if (k // step) % 8 > 0:
-                    value += f32(0.15) * cubes[source, k - step]
-                if (k // step) % 8 < 7:
-                    value += f32(0.15) * cubes[source, k + step]
-                cubes[1 - source, k] = value
-        weight = f32(rate) if total > f32(0.0) else f32(0.0)
-        total = f32(0.0)
-        for k in range(count):
-            total += cubes[1, k]
-        share = weight / larger(total, f32(1.0))
-        for k in range(count):
-            out[side, k] = (f32(1.0) - weight) * colours[side, k] + share * cubes[1, k]
