@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from hs_tracker_cv import layers
 from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
-from hs_tracker_cv.layers.window import transformed, translated
+from hs_tracker_cv.layers import kernels
+from hs_tracker_cv.layers.registration import list_points, misfit, refine
+from hs_tracker_cv.layers.window import grab, shifted, transformed, translated
 
 PARAMS = layers.LayersParams()
 HEIGHT, WIDTH = 150, 220
@@ -467,3 +469,89 @@ def test_transformed_beyond_the_image() -> None:
     np.testing.assert_allclose(filled[:, 3], 1.0)
     np.testing.assert_allclose(filled[:, 4:], 5.0)
     np.testing.assert_allclose(transformed(image, (1.0, 0.0, 3.5, 0.0, 1.0, 0.0), (10, 12)), 5.0)
+
+
+def wave(height: int, width: int, dx: float = 0.0, dy: float = 0.0) -> NDArray[np.float32]:
+    """Smooth image (height, width, 3) moved by (dx, dy)."""
+    y, x = np.mgrid[:height, :width]
+    plane = 100 + 50 * np.sin((x - dx) / 5) + 40 * np.cos((y - dy) / 6)
+    return np.stack([plane, 0.5 * plane + 20, 200 - plane], axis=2).astype(np.float32)
+
+
+@pytest.mark.parametrize(("motion", "gain"), [((0.7, -1.2), 1.0), ((-1.6, 0.4), 1.15), ((0.0, 0.0), 0.9)])
+def test_registration_finds_a_motion_and_a_gain(motion: tuple[float, float], gain: float) -> None:
+    """A smooth layer that has moved and become brighter is registered to a hundredth of a pixel and a percent."""
+    reference, image = wave(60, 70), gain * wave(60, 70, *motion)
+    weight = np.zeros((60, 70), np.float32)
+    weight[12:48, 14:56] = 1.0
+    inside = np.array((0, 0, 70, 60))
+    points = list_points(reference, weight, np.array((35.0, 30.0, 20.0)), float(weight.sum()), 500)
+    start = np.zeros(8)
+    fit = refine(points, np.asarray(image, np.float32), start, np.full(8, 1e-6), 20.0, 40.0, inside, steps=8)
+    assert fit.theta[[0, 3]] == pytest.approx(motion, abs=0.01)
+    assert fit.theta[6] == pytest.approx(100 * (gain - 1), abs=1.0)
+    assert fit.before == pytest.approx(misfit(points, np.asarray(image, np.float32), start, 40.0, inside))
+    assert fit.after < 0.5
+    assert not start.any()
+
+
+def test_registration_says_when_the_layer_is_out_of_the_frame() -> None:
+    """A motion that takes three quarters of the layer out of the frame costs more than any other."""
+    image = wave(40, 40)
+    points = list_points(image, np.ones((40, 40), np.float32), np.array((20.0, 20.0, 20.0)), 1600.0, 1200)
+    theta = np.array((35.0, 0, 0, 0, 0, 0, 0, 0))
+    assert misfit(points, image, theta, 40.0, np.array((0, 0, 40, 40))) == 1e9
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_window_is_smoothed_and_of_three_channels(channels: int) -> None:
+    """A window is the frame under a 5 × 5 Gaussian; a gray frame's is three times the same."""
+    pixels = np.random.default_rng(0).integers(0, 256, (50, 60, channels), dtype=np.uint8)
+    image, gray = grab(as_frame(pixels), (8, 6), (24, 32), 1)
+    wanted = cv2.GaussianBlur(pixels.astype(np.float32), (5, 5), 0.7).reshape(50, 60, channels)[6:30, 8:40]
+    np.testing.assert_allclose(image, np.broadcast_to(wanted, (24, 32, 3)), atol=1e-3)
+    np.testing.assert_allclose(gray, image @ np.array((0.114, 0.587, 0.299), np.float32), atol=1e-3)
+
+
+@pytest.mark.parametrize("offset", [(0, 0), (3, -2), (-5, 4), (40, 0), (0, -40)])
+@pytest.mark.parametrize("tail", [(), (3,)])
+def test_shifted_copies_what_there_is(offset: tuple[int, int], tail: tuple[int, ...]) -> None:
+    """Pixel (i, j) of the new window is (i + dx, j + dy) of the old one, or the fill."""
+    (dx, dy), (h, w), size = offset, (20, 24), (17, 30)
+    array = np.random.default_rng(1).uniform(0, 9, (h, w, *tail)).astype(np.float32)
+    moved = shifted(array, dx, dy, size, -3.0)
+    padded = np.pad(array, ((60, 60), (60, 60), *[(0, 0)] * len(tail)), constant_values=-3.0)
+    np.testing.assert_array_equal(moved, padded[60 + dy : 60 + dy + size[0], 60 + dx : 60 + dx + size[1]])
+
+
+def test_carried_layers_are_the_resampled_ones() -> None:
+    """In the part asked for, moving all layers at once is resampling each; beyond it there is no object."""
+    rng = np.random.default_rng(2)
+    h, w, part = 40, 50, np.array((5, 0, 44, 33))
+    images = [rng.uniform(0, 255, (h, w, 3)).astype(np.float32) for _ in range(2)]
+    planes = [rng.uniform(-3, 4, (h, w)).astype(np.float32), rng.uniform(0, 1, (h, w)).astype(np.float32)]
+    inverse = np.array((1.02, 0.01, -3.3, -0.02, 0.98, 2.6))
+    counts = np.zeros((3, h, w), np.float32)
+    out = [np.empty_like(a) for a in (*images, *planes)]
+    own = np.empty((h, w), np.uint8)
+    kernels.carry(images[0], images[1], *planes, counts, inverse, part, True, *out, own)
+    inner = (slice(part[1], part[3]), slice(part[0], part[2]))
+    for before, after, fill in zip((*images, *planes), out, (None, None, -3.0, 0.0), strict=True):
+        wanted = np.empty((h, w, before.size // (h * w)), np.float32)
+        kernels.resample(before.reshape(h, w, -1), inverse, fill is None, fill or 0.0, wanted)
+        np.testing.assert_allclose(after[inner], wanted.reshape(before.shape)[inner], atol=1e-3)
+        np.testing.assert_array_equal(after[part[3] :], fill or 0.0)
+    np.testing.assert_array_equal(own, out[2] > 0)
+
+
+def test_spreading_is_dilation_within_bounds() -> None:
+    """Growth by some steps is as many dilations, each cut to what is allowed."""
+    rng = np.random.default_rng(4)
+    allowed = (rng.uniform(size=(30, 37)) < 0.6).astype(np.uint8)
+    seed = (rng.uniform(size=(30, 37)) < 0.02).astype(np.uint8)
+    grown, wanted = np.empty_like(seed), seed.copy()
+    kernels.spread(seed, allowed, 4, np.empty_like(seed), grown)
+    for _ in range(4):
+        wanted = np.asarray(cv2.dilate(wanted, np.ones((3, 3), np.uint8))) & (allowed | seed)
+    np.testing.assert_array_equal(grown, wanted & allowed)
+    assert np.count_nonzero(grown) > np.count_nonzero(seed)

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import FAR_OFF, median_flow, open_ground, shift_ground
+from .kernels import FAR_OFF, fill_new, median_flow, open_ground, shift
 from .registration import list_points, misfit, refine
 from .state import Atlas, Image, Plane
+from .window import shifted
 
 __all__ = ["Background", "camera_from_flow", "move", "register"]
 
@@ -98,6 +99,11 @@ def move(atlas: Atlas, dx: int, dy: int, image: Image, odds: Plane, gain: float 
     """
     if (dx, dy, gain) == (0, 0, 1.0) and image.shape == atlas.image.shape:
         return atlas
-    picture, counts = np.empty_like(image), np.empty((3, *odds.shape), np.float32)
-    shift_ground(atlas.image, atlas.counts, dx, dy, gain, image, odds, picture, counts)
+    size = odds.shape
+    picture, counts = shifted(atlas.image, dx, dy, size, 0.0), np.empty((3, *size), np.float32)
+    for new, old, fill in zip(counts, atlas.counts, (-1.0, 0.0, 0.0), strict=True):
+        shift(old, dx, dy, fill, new)
+    if gain != 1.0:
+        picture *= np.float32(gain)
+    fill_new(counts[0], picture, image, odds)
     return Atlas(picture, counts, atlas.offset)

@@ -11,7 +11,7 @@ from . import colour, motion
 from . import mask as masks
 from .kernels import carry, evidence, label
 from .state import Image, LayersParams, LayersState, Plane
-from .window import View, shifted, translated
+from .window import View, shifted, shifted_mask, translated
 
 __all__ = ["Expected", "Labels", "assign", "displace", "expect", "expect_nothing", "weigh"]
 
@@ -19,6 +19,16 @@ _TAU_OBJECT = 0.35  # object layer: error per unit of gradient, px
 _TAU_WHOLE, _TAU_FRACTION = 0.15, 0.3  # background: camera on whole pixels or between
 _ROOM = 4  # px
 _KAPPA_COLOUR = 1.8  # three channels tell more than one, but not three times as much
+
+
+class _Gains(NamedTuple):
+    """Local changes of brightness believed, from and to: of the background (in shadow or light) and of the object."""
+
+    ground: tuple[float, float] = (0.35, 2.5)
+    obj: tuple[float, float] = (0.6, 1.7)
+
+
+_GAINS = _Gains()
 
 
 class Expected(NamedTuple):
@@ -120,7 +130,7 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
     dx, dy = -shift[0], -shift[1]
     h, w = expected.odds.shape
     return expected._replace(
-        own=shifted(expected.own, dx, dy, (h, w), 0),
+        own=shifted_mask(expected.own, dx, dy, (h, w)),
         odds=shifted(expected.odds, dx, dy, (h, w), -3.0),
         shape=shifted(expected.shape, dx, dy, (h, w), 0.0),
         obj=shifted(expected.obj, dx, dy, (h, w), 0.0),
@@ -136,10 +146,11 @@ def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Move
     tau = _TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else _TAU_FRACTION
     kappa = _KAPPA_COLOUR if view.colour else 1.0
     occluded = float(state.occlusion.occluded)
-    knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise), np.float32)
+    gains = (*_GAINS.ground, *_GAINS.obj)
+    knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise, *gains), np.float32)
     alike = evidence(
         view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
-        moves.atlas.counts, expected.part, view.inside, knobs, np.empty((26, w + 4), np.float32), errors, fresh,
+        moves.atlas.counts, expected.part, view.inside, knobs, np.empty((27, w + 4), np.float32), errors, fresh,
     )  # fmt: skip
     return Evidence(errors, fresh, float(alike))
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from . import background as ground
 from . import colour, motion
 from . import mask as masks
-from .kernels import KNOWN, label, learn, shift_object
+from .kernels import KNOWN, label, learn
 from .labelling import Expected, Labels
 from .state import Atlas, Image, LayersState, Plane
-from .window import Picture, View, shifted, transformed, translated
+from .window import Picture, View, shifted, shifted_mask, transformed, translated
 
 __all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
 
@@ -128,19 +128,16 @@ def move(state: LayersState, picture: Picture, origin: tuple[int, int]) -> Layer
     image, gray = picture
     if (dx, dy) == (0, 0) and gray.shape == state.odds.shape:
         return state.replace(previous=image, gray=gray)
-    odds, shape, obj = np.empty_like(gray), np.empty_like(gray), np.empty_like(image)
-    visible = np.empty(gray.shape, np.uint8)
-    shift_object(state.odds, state.shape, state.obj, state.visible, dx, dy, odds, shape, obj, visible)
-    distractor = None if state.distractor is None else shifted(state.distractor, dx, dy, gray.shape, 0)
+    odds = shifted(state.odds, dx, dy, gray.shape, -3.0)
     return state.replace(
         origin=origin,
         previous=image,
         gray=gray,
         odds=odds,
-        shape=shape,
-        obj=obj,
-        distractor=distractor,
-        visible=visible,
+        shape=shifted(state.shape, dx, dy, gray.shape, 0.0),
+        obj=shifted(state.obj, dx, dy, gray.shape, 0.0),
+        distractor=None if state.distractor is None else shifted_mask(state.distractor, dx, dy, gray.shape),
+        visible=None if state.visible is None else shifted_mask(state.visible, dx, dy, gray.shape),
         atlas=ground.move(state.atlas, dx, dy, image, odds),
     )
 
@@ -173,7 +170,7 @@ def rescale(state: LayersState, step: int) -> LayersState:
         shape=resample(state.shape),
         obj=resample(state.obj),
         distractor=None if state.distractor is None else pick(state.distractor),
-        visible=pick(state.visible),
+        visible=None if state.visible is None else pick(state.visible),
         atlas=Atlas(resample(state.atlas.image), counts, offset),
         occlusion=state.occlusion.rescaled(ratio),
     )

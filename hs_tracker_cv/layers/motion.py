@@ -69,7 +69,7 @@ class Moves(NamedTuple):
 
 def find(state: LayersState, view: View, params: LayersParams) -> Moves:
     """Motion of object and camera into this frame."""
-    hidden = state.occlusion.occluded
+    hidden = state.visible is not None
     # the corners of a drawn box are ground, more often than not
     way = _AS_VISIBLE if hidden else _BY_ODDS if state.count == 0 else _EVENLY
     shape = _outline(state.odds, state, way)
@@ -131,7 +131,7 @@ class _Outline(NamedTuple):
 def _outline(odds: Plane, state: LayersState, way: int) -> _Outline:
     """Outline of {odds > 0}; of the last box when that is empty."""
     mask, weight, sums = np.empty(odds.shape, np.uint8), np.empty_like(odds), np.empty(12)
-    outline(odds, state.visible, way, mask, weight, sums)
+    outline(odds, mask if state.visible is None else state.visible, way, mask, weight, sums)
     area, x, y, left, right, top, bottom, first_x, last_x, first_y, last_y, seen = sums.tolist()
     extent = (int(first_x), int(first_y), int(last_x) + 1, int(last_y) + 1)
     if area < 4:

@@ -210,8 +210,8 @@ class LayersState:
         Object layer.
     distractor : ndarray, shape (h, w), uint8, or None
         What moves but is not the object, if there is such a thing.
-    visible : ndarray, shape (h, w), uint8
-        Object pixels of the last frame; while it is occluded, those surely seen.
+    visible : ndarray, shape (h, w), uint8, or None
+        While it is occluded, the object pixels seen in the last frame.
     atlas : Atlas
         Background layer.
     colours : ndarray, shape (2, bins)
@@ -239,7 +239,7 @@ class LayersState:
     shape: Plane
     obj: Image
     distractor: NDArray[np.uint8] | None
-    visible: NDArray[np.uint8]
+    visible: NDArray[np.uint8] | None
     atlas: Atlas
     colours: NDArray[np.float32]
     noise: float = 2.5

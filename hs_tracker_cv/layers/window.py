@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Frame, crop
-from .kernels import resample, smooth
+from .kernels import resample, shift, smooth
 from .state import Image, LayersState, Plane
 
-__all__ = ["Picture", "View", "grab", "lattice_step", "look", "place_window", "shifted", "transformed", "translated"]
+__all__ = [
+    "Picture",
+    "View",
+    "grab",
+    "lattice_step",
+    "look",
+    "place_window",
+    "shifted",
+    "shifted_mask",
+    "transformed",
+    "translated",
+]
 
 _RING = 2  # px more on each side, so that the prefilter's border lies outside the window
 _TAPS = cv2.getGaussianKernel(2 * _RING + 1, 0.7).astype(np.float32).ravel()[_RING:]
@@ -160,12 +171,14 @@ def _cubic(t: float) -> NDArray[np.float64]:
     return np.array((*weights, (0.5 * s - 0.5) * s * s))
 
 
-def shifted(array: NDArray[Any], dx: int, dy: int, size: tuple[int, int], fill: float) -> NDArray[Any]:
+def shifted(array: NDArray[np.float32], dx: int, dy: int, size: tuple[int, int], fill: float) -> NDArray[np.float32]:
     """Copy an array into a window whose pixel (i, j) is the array's (i + dx, j + dy); `fill` where it has none."""
-    h, w = size
-    out = np.full((h, w, *array.shape[2:]), fill, dtype=array.dtype)
-    x0, x1 = max(dx, 0), min(dx + w, array.shape[1])
-    y0, y1 = max(dy, 0), min(dy + h, array.shape[0])
-    if x1 > x0 and y1 > y0:
-        out[y0 - dy : y1 - dy, x0 - dx : x1 - dx] = array[y0:y1, x0:x1]
+    channels = math.prod(array.shape[2:])
+    out = np.empty((*size, *array.shape[2:]), np.float32)
+    shift(array.reshape(array.shape[0], -1), dx * channels, dy, fill, out.reshape(size[0], -1))
     return out
+
+
+def shifted_mask(mask: NDArray[np.uint8], dx: int, dy: int, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """The same of a mask, 0 where it has no pixel."""
+    return np.asarray(shifted(mask.astype(np.float32), dx, dy, size, 0.0), np.uint8)

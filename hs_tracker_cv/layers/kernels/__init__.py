@@ -10,20 +10,20 @@ from __future__ import annotations
 
 from .common import FAR_OFF, KNOWN
 from .labelling import alpha_edge, evidence, label
-from .memory import blend_colours, learn
+from .memory import learn
 from .registration import collect, fit_affine, gauss_newton, median_flow, search_shift, start_flow
 from .shapes import extremes, overlap, spread
-from .windows import carry, open_ground, outline, resample, shift_ground, shift_object, smooth
+from .windows import carry, fill_new, open_ground, outline, resample, shift, smooth
 
 __all__ = [
     "FAR_OFF",
     "KNOWN",
     "alpha_edge",
-    "blend_colours",
     "carry",
     "collect",
     "evidence",
     "extremes",
+    "fill_new",
     "fit_affine",
     "gauss_newton",
     "label",
@@ -34,8 +34,7 @@ __all__ = [
     "overlap",
     "resample",
     "search_shift",
-    "shift_ground",
-    "shift_object",
+    "shift",
     "smooth",
     "spread",
     "start_flow",

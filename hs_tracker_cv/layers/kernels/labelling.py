@@ -88,7 +88,8 @@ def evidence(
     Parameters are windows: current image, background layer, previous image moved by the camera and by the object's
     motion, object layer and log-odds warped by the object's motion, the background's counts. `part` (x0, y0, x1, y1)
     is where the object layer has been warped; elsewhere nothing can be the object but what is new.
-    knobs = (tau_b², tau_o², κ, motion contrast, occluded, noise). `rows` (26, w + 4) is a workspace.
+    knobs = (tau_b², tau_o², κ, motion contrast, occluded, noise, least and greatest gain of the background and of
+    the object). `rows` (27, w + 4) is a workspace.
     out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] local gain of the
     background, out[3] error against the previous image where the background is not yet known. `fresh` is 1 where
     something new covers a background that was seen a moment ago.
@@ -124,13 +125,16 @@ def evidence(
         if y < 0:
             continue
         touched = y >= part[1] and y < part[3]
+        for x in range(w):
+            i0 = image[y, x, 0]
+            i1 = image[y, x, 1]
+            i2 = image[y, x, 2]
+            rows[26, x] = i0 * i0 + i1 * i1 + i2 * i2
         _slopes(background, y, rows, 20)
-        _add_five(rows, 0, y, h, w, 22)
-        _add_five(rows, 5, y, h, w, 23)
         if touched:
             _slopes(obj, y, rows, 21)
-            _add_five(rows, 10, y, h, w, 24)
-            _add_five(rows, 15, y, h, w, 25)
+        for group in range(4 if touched else 2):
+            _add_five(rows, 5 * group, y, h, w, 22 + group)
         slot = y % 5
         for first in range(0, w, _BLOCK):
             m = smaller(w - first, _BLOCK)
@@ -143,28 +147,28 @@ def evidence(
             if unknown > 0:
                 for i in range(m):
                     x = first + i
-                    if counts[0, y, x] < KNOWN:
-                        d0 = image[y, x, 0] - moved[y, x, 0]
-                        d1 = image[y, x, 1] - moved[y, x, 1]
-                        d2 = image[y, x, 2] - moved[y, x, 2]
-                        still[i] = d0 * d0 + d1 * d1 + d2 * d2
-                        d0 = image[y, x, 0] - carried[y, x, 0]
-                        d1 = image[y, x, 1] - carried[y, x, 1]
-                        d2 = image[y, x, 2] - carried[y, x, 2]
-                        other[i] = d0 * d0 + d1 * d1 + d2 * d2
+                    i0 = image[y, x, 0]
+                    i1 = image[y, x, 1]
+                    i2 = image[y, x, 2]
+                    d0 = i0 - moved[y, x, 0]
+                    d1 = i1 - moved[y, x, 1]
+                    d2 = i2 - moved[y, x, 2]
+                    e0 = i0 - carried[y, x, 0]
+                    e1 = i1 - carried[y, x, 1]
+                    e2 = i2 - carried[y, x, 2]
+                    new = counts[0, y, x] < KNOWN
+                    still[i] = d0 * d0 + d1 * d1 + d2 * d2 if new else f32(1e9)
+                    other[i] = e0 * e0 + e1 * e1 + e2 * e2 if new else f32(1e9)
             for i in range(m):
                 x = first + i
                 n = counts[0, y, x]
                 ib = rows[slot, x]
                 bb = rows[5 + slot, x]
-                i0 = image[y, x, 0]
-                i1 = image[y, x, 1]
-                i2 = image[y, x, 2]
-                ii = i0 * i0 + i1 * i1 + i2 * i2
+                ii = rows[26, x]
                 crossed = rows[22, x] + rows[22, x + 1] + rows[22, x + 2] + rows[22, x + 3] + rows[22, x + 4]
                 squared = rows[23, x] + rows[23, x + 1] + rows[23, x + 2] + rows[23, x + 3] + rows[23, x + 4]
                 g = (crossed + f32(1250.0)) / (squared + f32(1250.0))
-                g = smaller(larger(g, f32(0.35)), f32(2.5))
+                g = smaller(larger(g, knobs[6]), knobs[7])
                 grad = rows[20, x]
                 var = noise2 * (f32(1.0) + f32(1.0) / larger(n, f32(1.0))) + tau_b * grad
                 per = unit / var
@@ -189,14 +193,11 @@ def evidence(
                     x = first + i
                     io = rows[10 + slot, x]
                     oo = rows[15 + slot, x]
-                    i0 = image[y, x, 0]
-                    i1 = image[y, x, 1]
-                    i2 = image[y, x, 2]
-                    ii = i0 * i0 + i1 * i1 + i2 * i2
+                    ii = rows[26, x]
                     crossed = rows[24, x] + rows[24, x + 1] + rows[24, x + 2] + rows[24, x + 3] + rows[24, x + 4]
                     squared = rows[25, x] + rows[25, x + 1] + rows[25, x + 2] + rows[25, x + 3] + rows[25, x + 4]
                     g = (crossed + f32(1250.0)) / (squared + f32(1250.0))
-                    g = smaller(larger(g, f32(0.6)), f32(1.7))
+                    g = smaller(larger(g, knobs[8]), knobs[9])
                     plain = larger(ii - f32(2.0) * io + oo, f32(0.0))
                     lit = larger(ii - f32(2.0) * g * io + g * g * oo, f32(0.0))
                     grad = tau_o * rows[21, x]
@@ -227,18 +228,16 @@ def evidence(
                 still[i] = 0.0 if known else still[i]
             for i in range(m):
                 out[0, y, first + i] = ratio[i]
-            for i in range(m):
                 out[1, y, first + i] = error_b[i]
-            for i in range(m):
                 out[2, y, first + i] = gain[i]
-            for i in range(m):
                 out[3, y, first + i] = still[i]
             for i in range(m):
                 x = first + i
                 new = (error_b[i] >= 7.2) & (counts[0, y, x] > KNOWN) & (counts[2, y, x] <= 4.0)
                 fresh[y, x] = 1 if new else 0
-        for x in range(w):
-            if x < inside[0] or y < inside[1] or x >= inside[2] or y >= inside[3]:
+        within = y >= inside[1] and y < inside[3]
+        for side in range(2):
+            for x in range(inside[2] if side and within else 0, inside[0] if within and not side else w):
                 fresh[y, x] = 0
                 out[0, y, x] = -2.0
                 out[1, y, x] = 0.0

@@ -46,9 +46,10 @@ def learn(
 
     `aligned` is the image on the background's own lattice. `near` is 1 within two pixels of the object, 2 on a
     distractor elsewhere. `errors` is what :func:`evidence` wrote, `part` where the object layer has been warped.
-    `ground` (h, w, C) and `counts` (3, h, w: samples, mismatches, age) are the background. knobs = (shape rate,
-    freeze, occluded). `tally` (2, bins) receives the colour counts of object and background, from every second pixel. `sums` receives (known
-    pixels outside, of these unexplained, 85th percentile of |I − B| there); `sample` is a workspace for that.
+    `ground` (h, w, 3) and `counts` (3, h, w: samples, mismatches, age) are the background. knobs = (shape rate,
+    freeze, occluded). `tally` (2, bins) receives the colour counts of object and background, from every second
+    pixel. `sums` receives (known pixels outside, of these unexplained, 85th percentile of |I − B| there); `sample` is
+    a workspace for that.
     """
     h, w, channels = image.shape
     if (
@@ -97,9 +98,9 @@ def learn(
                 covered = warped_row & (x >= part[0]) & (x < part[2])
                 rate_o[i] = rate_o[i] if covered else 1.0
             for i in range(m):
-                s_out[y, first + i] = odds_new[i]
-            for i in range(m):
-                m_out[y, first + i] = shape_new[i]
+                x = first + i
+                s_out[y, x] = odds_new[i]
+                m_out[y, x] = shape_new[i]
             for i in range(m):
                 x = first + i
                 rate = f32(rate_o[i])
@@ -138,9 +139,7 @@ def learn(
                 samples[i] = smaller(base + f32(1.0), f32(20.0)) if learned else n
             for i in range(m):
                 counts_out[0, y, first + i] = samples[i]
-            for i in range(m):
                 counts_out[1, y, first + i] = mismatches[i]
-            for i in range(m):
                 counts_out[2, y, first + i] = age[i]
             for i in range(m):
                 x = first + i
@@ -168,29 +167,3 @@ def learn(
     sums[0] = known
     sums[1] = strange
     sums[2] = select(sample, taken, 0.85) / 3.0 if taken > 10 else -1.0
-
-
-@fast_kernel
-def blend_colours(colours: Plane, tally: Plane, rate: float, cube: Plane, out: Plane) -> None:
-    """Histograms (2, bins), smoothed along each colour axis, of this frame's `tally`, mixed into `colours`.
-
-    8 × 8 × 8 bins; `cube` (2, bins) is a workspace. A histogram without pixels stays as it is.
-    """
-    count = colours.shape[1]
-    for side in range(2):
-        for k in range(count):
-            cube[0, k] = tally[side, k]
-        for axis in range(3):
-            step = 1 << (3 * axis)
-            total = f32(0.0)
-            for k in range(count):
-                place = (k >> (3 * axis)) & 7
-                value = f32(0.7) * cube[axis & 1, k]
-                value += f32(0.15) * cube[axis & 1, k - step] if place > 0 else f32(0.0)
-                value += f32(0.15) * cube[axis & 1, k + step] if place < 7 else f32(0.0)
-                cube[1 - (axis & 1), k] = value
-                total += value
-        share = f32(rate) / larger(total, f32(1.0)) if total > f32(0.0) else f32(0.0)
-        keep = f32(1.0 - rate) if total > f32(0.0) else f32(1.0)
-        for k in range(count):
-            out[side, k] = keep * colours[side, k] + share * cube[1, k]

@@ -24,9 +24,8 @@ _eight_by_eight = local(8, 8)
 
 
 @fast_part
-def _solve(a, b):
-    """Solve the symmetric positive definite system a x = b in place (Cholesky); x is left in `b`."""
-    n = b.size
+def _solve(a, b, n):
+    """Solve the symmetric positive definite system a x = b of n equations in place (Cholesky); x is left in `b`."""
     for j in range(n):
         for k in range(j):
             b[j] -= a[j, k] * b[k]
@@ -318,7 +317,7 @@ def gauss_newton(
         for i in range(8):
             normal[i, i] += prior[i] * wanted
             rhs[i] -= prior[i] * wanted * (theta[i] - start[i])
-        _solve(normal, rhs)
+        _solve(normal, rhs, theta.shape[0])
         longest = larger(root(rhs[0] * rhs[0] + rhs[3] * rhs[3]), 1e-6)
         shorten = smaller(1.0, 1.5 / longest)
         change = 0.0
@@ -380,23 +379,10 @@ def fit_affine(
     for i in range(6):
         start[i] = theta[i]
     a = _three_by_three()
-    b_u = _three()
-    b_v = _three()
+    b = _three()
     scale = 1e3
     for _ in range(5):
-        r0 = ridge[0] * n
-        r1 = ridge[1] * n
-        r2 = ridge[2] * n
-        a00 = r0
-        a11 = r1
-        a22 = r2
-        a10 = a20 = a21 = 0.0
-        u0 = r0 * start[0]
-        u1 = r1 * start[1]
-        u2 = r2 * start[2]
-        v0 = r0 * start[3]
-        v1 = r1 * start[4]
-        v2 = r2 * start[5]
+        a00 = a11 = a22 = a10 = a20 = a21 = u0 = u1 = u2 = v0 = v1 = v2 = 0.0
         unit = 1.0 / (2.25 * scale * scale)
         for p in range(n):
             far = 1.0 + points[5, p] * unit
@@ -419,26 +405,27 @@ def fit_affine(
             v0 += wt * v
             v1 += wx * v
             v2 += wy * v
-        b_u[0] = u0
-        b_u[1] = u1
-        b_u[2] = u2
-        b_v[0] = v0
-        b_v[1] = v1
-        b_v[2] = v2
         for side in range(2):  # `solve` destroys its matrix
-            a[0, 0] = a00
+            a[0, 0] = a00 + ridge[0] * n
             a[1, 0] = a10
             a[2, 0] = a20
-            a[1, 1] = a11
+            a[1, 1] = a11 + ridge[1] * n
             a[2, 1] = a21
-            a[2, 2] = a22
-            _solve(a, b_u if side == 0 else b_v)
-        u0 = b_u[0]
-        u1 = b_u[1]
-        u2 = b_u[2]
-        v0 = b_v[0]
-        v1 = b_v[1]
-        v2 = b_v[2]
+            a[2, 2] = a22 + ridge[2] * n
+            b[0] = u0 if side == 0 else v0
+            b[1] = u1 if side == 0 else v1
+            b[2] = u2 if side == 0 else v2
+            for i in range(3):
+                b[i] += ridge[i] * n * start[3 * side + i]
+            _solve(a, b, ridge.shape[0])
+            for i in range(3):
+                theta[3 * side + i] = b[i]
+        u0 = theta[0]
+        u1 = theta[1]
+        u2 = theta[2]
+        v0 = theta[3]
+        v1 = theta[4]
+        v2 = theta[5]
         for p in range(n):
             ru = points[2, p] - u0 - u1 * points[0, p] - u2 * points[1, p]
             rv = points[3, p] - v0 - v1 * points[0, p] - v2 * points[1, p]
@@ -448,9 +435,6 @@ def fit_affine(
             points[6, looked_at] = points[5, p]
             looked_at += 1
         scale = larger(0.06, 1.48 * root(select(points[6], looked_at, 0.5)))
-    for i in range(3):
-        theta[i] = b_u[i]
-        theta[3 + i] = b_v[i]
     return scale
 
 

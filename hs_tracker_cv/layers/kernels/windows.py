@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiling import larger, smaller
-from .common import KNOWN, Image, Integers, Mask, Numbers, Plane, Row, fast_kernel, fast_part
+from .common import KNOWN, Image, Integers, Mask, Numbers, Plane, Row, fast_kernel
 
 f32 = np.float32
 _NEVER_OBJECT = np.float32(-2.9)  # log-odds: what lies below has been ground for many frames
@@ -183,118 +183,38 @@ def carry(
                     previous_out[y, x, c] = a + fy * (b - a)
 
 
-@fast_part
-def _copy(source, row, dx, x0, x1, fill, out, y):
-    """Row of a plane, moved by dx; `fill` outside columns x0 … x1 − 1."""
-    for x in range(x0):
-        out[y, x] = fill
-    for x in range(x0, x1):
-        out[y, x] = source[row, x + dx]
-    for x in range(x1, out.shape[1]):
-        out[y, x] = fill
-
-
-@fast_part
-def _copy_image(source, row, dx, x0, x1, out, y):
-    """The same of an image; 0 outside."""
-    for x in range(x0):
-        for c in range(3):
-            out[y, x, c] = f32(0.0)
-    for x in range(x0, x1):
-        for c in range(3):
-            out[y, x, c] = source[row, x + dx, c]
-    for x in range(x1, out.shape[1]):
-        for c in range(3):
-            out[y, x, c] = f32(0.0)
-
-
-@fast_part
-def _copy_layer(source, number, row, dx, x0, x1, fill, out, y):
-    """The same of one plane of several."""
-    for x in range(x0):
-        out[number, y, x] = fill
-    for x in range(x0, x1):
-        out[number, y, x] = source[number, row, x + dx]
-    for x in range(x1, out.shape[2]):
-        out[number, y, x] = fill
-
-
 @fast_kernel
-def shift_object(
-    odds: Plane,
-    shape: Plane,
-    obj: Image,
-    visible: Mask,
-    dx: int,
-    dy: int,
-    odds_out: Plane,
-    shape_out: Plane,
-    obj_out: Image,
-    visible_out: Mask,
-) -> None:
-    """Copy what is known of the object into a window whose pixel (i, j) is (i + dx, j + dy) here."""
-    h, w, channels = obj.shape
-    if channels != 3 or obj_out.shape[2] != 3:
-        return
-    height, width = odds_out.shape
+def shift(source: Plane, dx: int, dy: int, fill: float, out: Plane) -> None:
+    """Copy into a window whose element (i, j) is (i + dx, j + dy) here; `fill` where there is none."""
+    h, w = source.shape
+    height, width = out.shape
+    other = f32(fill)
     for y in range(height):
         row = y + dy
         there = row >= 0 and row < h
-        row = row if there else 0
-        x0 = smaller(larger(-dx, 0), width) if there else width
-        x1 = larger(smaller(w - dx, width), x0)
-        _copy(odds, row, dx, x0, x1, f32(-3.0), odds_out, y)
-        _copy(shape, row, dx, x0, x1, f32(0.0), shape_out, y)
-        _copy_image(obj, row, dx, x0, x1, obj_out, y)
-        _copy(visible, row, dx, x0, x1, 0, visible_out, y)
+        first = smaller(larger(-dx, 0), width) if there else width
+        last = larger(smaller(w - dx, width), first)
+        for x in range(first):
+            out[y, x] = other
+        for x in range(first, last):
+            out[y, x] = source[row, x + dx]
+        for x in range(last, width):
+            out[y, x] = other
 
 
 @fast_kernel
-def shift_ground(
-    picture: Image,
-    counts: Image,
-    dx: int,
-    dy: int,
-    gain: float,
-    image: Image,
-    odds: Plane,
-    picture_out: Image,
-    counts_out: Image,
-) -> None:
-    """Copy the background into a window whose pixel (i, j) is (i + dx, j + dy) here, its brightness times `gain`.
+def fill_new(samples: Plane, picture: Image, image: Image, odds: Plane) -> None:
+    """Give background pixels without data (−1 samples) the colour of `image`, in place.
 
-    New pixels, and those without data (−1 samples), get the colour of `image`: taken as known, or as not yet seen
-    where the object may be by its `odds`.
+    It is taken as known, or as not yet seen where the object may be by its `odds`.
     """
     h, w, channels = picture.shape
-    if channels != 3 or picture_out.shape[2] != 3 or image.shape[2] != 3:
-        return
-    height, width, _ = picture_out.shape
-    factor = f32(gain)
-    for y in range(height):
-        row = y + dy
-        there = row >= 0 and row < h
-        row = row if there else 0
-        x0 = smaller(larger(-dx, 0), width) if there else width
-        x1 = larger(smaller(w - dx, width), x0)
-        _copy_image(picture, row, dx, x0, x1, picture_out, y)
-        _copy_layer(counts, 0, row, dx, x0, x1, f32(-1.0), counts_out, y)
-        _copy_layer(counts, 1, row, dx, x0, x1, f32(0.0), counts_out, y)
-        _copy_layer(counts, 2, row, dx, x0, x1, f32(0.0), counts_out, y)
-        if factor != f32(1.0):
-            for x in range(width):
-                for c in range(3):
-                    picture_out[y, x, c] *= factor
-        lacking = 0
-        for x in range(width):
-            lacking += 1 if counts_out[0, y, x] < f32(0.0) else 0
-        if lacking == 0:
-            continue
-        for x in range(width):
-            if counts_out[0, y, x] < f32(0.0):
-                counts_out[0, y, x] = KNOWN if odds[y, x] < f32(-1.0) else f32(0.0)
-                for c in range(3):
-                    picture_out[y, x, c] = image[y, x, c]
+    for y in range(h):
+        for x in range(w):
+            if samples[y, x] < f32(0.0):
+                samples[y, x] = KNOWN if odds[y, x] < f32(-1.0) else f32(0.0)
+                for c in range(channels):
+                    picture[y, x, c] = image[y, x, c]
 
 
 @fast_kernel
