@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -131,23 +132,23 @@ def _with_fields(**values: Any) -> Callable[[Any], Any]:
     return lambda params: replace(params, **values)
 
 
-def _unregistered(gauss_newton: Any) -> Any:
+def _unregistered(refine: Any) -> Any:
     """Registration that takes no step: it only measures the residual."""
-
-    def measure(*arguments: Any) -> Any:
-        *before, _iterations, stride, inside = arguments
-        return gauss_newton(*before, 0, stride, inside)
-
-    return measure
+    return partial(refine, steps=0)
 
 
 def _without_memory(weigh: Any) -> Any:
     """Background known from the last frame only: no pixel of its memory counts as seen."""
 
     def weigh_frame_pair(state: Any, view: Any, expected: Any, moves: Any) -> Any:
+        motion, kernels = (import_module(f"{_LIBRARY}.layers.{name}") for name in ("motion", "kernels"))
         counts = moves.atlas.counts.copy()
         counts[0] = np.minimum(counts[0], 0.0)
-        return weigh(state, view, expected, moves._replace(atlas=replace(moves.atlas, counts=counts)))
+        # the library moves the last frame only where it means to look at it
+        carried = np.empty_like(state.previous)
+        kernels.resample(state.previous, motion.inverse_matrix(moves.theta, moves.grid), True, 0.0, carried)
+        moves = moves._replace(atlas=replace(moves.atlas, counts=counts))
+        return weigh(state, view, expected._replace(carried=carried), moves)
 
     return weigh_frame_pair
 
@@ -161,13 +162,9 @@ def _never_occluded(judge: Any) -> Any:
     return judge_nothing
 
 
-def _one_brightness(local_products: Any) -> Any:
+def _one_brightness(gains: Any) -> Any:
     """Local gains of one: shadow, flicker and glint count as change."""
-
-    def products_of_equals(image: Any, background: Any, obj: Any, out: Any) -> None:
-        out[...] = 1.0
-
-    return products_of_equals
+    return type(gains)(*((1.0, 1.0) for _ in gains))
 
 
 class _OtherFlow:
@@ -230,7 +227,7 @@ ABLATIONS: dict[str, Ablation] = {
     "no-registration": Ablation(
         "layers",
         "registration with the object layer (Gauss–Newton)",
-        (Cut("layers.motion", "gauss_newton", _unregistered),),
+        (Cut("layers.motion", "refine", _unregistered),),
     ),
     "no-search": Ablation(
         "layers",
@@ -240,11 +237,11 @@ ABLATIONS: dict[str, Ablation] = {
     "no-camera": Ablation(
         "layers",
         "registration of the camera to the background memory",
-        (Cut("layers.background", "gauss_newton", _unregistered),),
+        (Cut("layers.background", "refine", _unregistered),),
     ),
     "no-memory": Ablation("layers", "background memory", (Cut("layers.labelling", "weigh", _without_memory),)),
     "no-gain": Ablation(
-        "layers", "brightness gain (shadow, flicker)", (Cut("layers.labelling", "local_products", _one_brightness),)
+        "layers", "brightness gain (shadow, flicker)", (Cut("layers.labelling", "_GAINS", _one_brightness),)
     ),
     "no-colour": Ablation(
         "layers", "colour histograms", (Cut("tracker", "LAYERS", _with_fields(colour_weight=0.0)),)
@@ -252,12 +249,18 @@ ABLATIONS: dict[str, Ablation] = {
     "no-growth": Ablation(
         "layers",
         "growth and distractors",
-        (Cut("layers.mask", "grow", lambda _: lambda fresh, *rest: (np.zeros_like(fresh), np.zeros_like(fresh))),),
+        (Cut("layers.mask", "grow", lambda _: lambda fresh, *rest: (np.zeros_like(fresh), None)),),
     ),
     "no-edge": Ablation(
         "layers",
         "mixed pixels of the edge",
-        (Cut("layers.mask", "refine_edge", lambda _: lambda image, background, seen, mask, *rest: mask),),
+        (
+            Cut(
+                "layers.mask",
+                "refine_edge",
+                lambda _: lambda image, background, seen, mask, odds, noise: (mask, odds),
+            ),
+        ),
     ),
     "no-occlusion": Ablation("layers", "occlusion", (Cut("layers.occlusion", "judge", _never_occluded),)),
     "no-keys": Ablation(
