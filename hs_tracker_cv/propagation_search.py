@@ -45,7 +45,7 @@ def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty:
     top = anchor.find_peak(response - fade)
     rows, columns = response.shape
     row, column = min(round(top.dy) + rows // 2, rows - 1), min(round(top.dx) + columns // 2, columns - 1)
-    pose = at.moved(top.dx * g.coarse_step * at.sx, top.dy * g.coarse_step * at.sy)
+    pose = at.shifted(top.dx * g.coarse_step * at.sx, top.dy * g.coarse_step * at.sy)
     return Found(top.height, pose, float(response[row, column]), response, at, likelihood)
 
 
@@ -71,8 +71,9 @@ def finer(found: Found, g: Geometry) -> F32 | None:
     if found.likelihood is None:
         return None
     rows, columns = found.likelihood.shape
-    x = (found.pose.cx - found.window.cx) / (g.coarse_step * found.window.sx) + 0.5 * (columns - 1)
-    y = (found.pose.cy - found.window.cy) / (g.coarse_step * found.window.sy) + 0.5 * (rows - 1)
+    right, down = found.window.offset(found.pose)
+    x = right / (g.coarse_step * found.window.sx) + 0.5 * (columns - 1)
+    y = down / (g.coarse_step * found.window.sy) + 0.5 * (rows - 1)
     out = np.empty((*g.weights.shape, 1), np.float32)
     ratio = g.fine_step / g.coarse_step
     patches.sample(found.likelihood[:, :, None], x, y, ratio, ratio, out)
