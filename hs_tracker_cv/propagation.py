@@ -95,7 +95,7 @@ def start(frame: Frame, box: Box, params: PropagationParams) -> PropagationState
         np.zeros_like(g.window), 1.0, (1.0,), 1.0, _GOOD,
     )  # fmt: skip
     return PropagationState(
-        g, pose, (0.0, 0.0), model, 1.0, 1.0, _first_colour(view, pose, model, g), 1, 0, g.body, report
+        g, pose, (0.0, 0.0), model, 1.0, 1.0, _first_colour(view, pose, model, g), 1, 0, g.body, None, report
     )
 
 
@@ -162,6 +162,7 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     pose, velocity, low = _settle(state, pose, coarse, verdict, params)
     lost, share = low > params.patience, kept_share(kept, g)
     model = state.model if lost and verdict == _BAD else replace(state.model, previous=view.fine(pose))
+    hint = found.pose if lost and verdict == _BAD else None
     peak, match, colour, good_frames = state.peak, state.match, state.colour, state.good_frames
     if verdict == _GOOD:
         model = _learn(model, view, g, pose, carried, max(keys), share, params)
@@ -174,7 +175,7 @@ def step(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
         state.model.previous, carried.seen_at_start, carried.flow, found.height, found.response, carried.agreement,
         tuple(keys), share, verdict,
     )  # fmt: skip
-    return PropagationState(g, pose, velocity, model, peak, match, colour, good_frames, low, kept, report)
+    return PropagationState(g, pose, velocity, model, peak, match, colour, good_frames, low, kept, hint, report)
 
 
 def _fit(flow: F32, weight: F32, p: PropagationParams) -> NDArray[np.float64]:
@@ -451,4 +452,4 @@ def ride(state: PropagationState, box: Box) -> PropagationState:
         sy=old.sy + _RIDE_RATE * (box.h / first.h - old.sy),
     )
     report = replace(state.report, box=box, ok=True, lost=False)
-    return replace(state, pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, report=report)
+    return replace(state, pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, hint=None, report=report)

@@ -278,7 +278,7 @@ class Model:
 
 @dataclass(frozen=True)
 class PropagationState:
-    """Everything carried from frame to frame; immutable, picklable."""
+    """Everything carried from frame to frame; immutable, picklable. `hint` is where a lost object was likeliest."""
 
     geometry: Geometry
     pose: Pose
@@ -290,6 +290,7 @@ class PropagationState:
     good_frames: int
     low: int
     kept: F32
+    hint: Pose | None
     report: PropagationReport
 
 

@@ -14,6 +14,8 @@ from hs_tracker_cv import patches, propagation
 from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
 from hs_tracker_cv.propagation import PropagationParams, PropagationState
+from hs_tracker_cv.propagation_search import _elsewhere
+from hs_tracker_cv.propagation_view import View
 
 PARAMS = PropagationParams()
 Path = Callable[[int], Box | None]
@@ -227,6 +229,18 @@ def test_a_look_alike_far_off_does_not_draw_the_box_away() -> None:
         states.append(propagation.step(states[-1], dimmed(t, max(0.0, 1.0 - t / 15)), PARAMS))
     assert all(iou(state.report.box, _moving(t)) > 0.5 for t, state in enumerate(states) if state.report.ok)
     assert states[15].report.ok
+
+
+def test_search_after_a_loss_covers_the_frame() -> None:
+    """In one round of places every pixel of the frame is less than a box from one, also at the borders."""
+    states = _track(lambda t: _moving(0) if t < 5 else None, 12)
+    state, view = states[-1], View(_frame(None), states[-1].geometry, states[-1].pose)
+    assert state.report.lost
+    places = [at for turn in range(1, 8) for at in _elsewhere(state.pose, state.geometry, view, turn)]
+    y, x = np.mgrid[:180:4, :240:4]
+    away = np.min([np.maximum(np.abs(x - at.cx), np.abs(y - at.cy)) for at in [state.pose, *places]], axis=0)
+    assert away.max() < 40.0
+    assert all(0 <= at.cx < 240 and 0 <= at.cy < 180 for at in places)
 
 
 @pytest.mark.parametrize("side", [12.0, 150.0], ids=["tiny", "large"])
