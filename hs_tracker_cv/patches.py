@@ -6,6 +6,7 @@ Arrays in, arrays out; no checks, no options: :mod:`~hs_tracker_cv.propagation` 
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from .compiling import kernel, larger, local, part, root, smaller
 
-__all__ = ["fit_motion", "misfit", "orientations", "residual_weights", "sample"]
+__all__ = ["fit_motion", "misfit", "orientations", "residual_weights", "sample", "sample_turned"]
 
 Image = Annotated[NDArray[np.float32], 3]
 Plane = Annotated[NDArray[np.float32], 2]
@@ -111,6 +112,51 @@ def _sample(
                 for k in range(length_x):
                     total += weight_x[j, k] * line[base + k * channels + c]
                 out[i, j, c] = total
+
+
+def sample_turned(
+    window: NDArray[np.float32],
+    cx: float,
+    cy: float,
+    step_x: float,
+    step_y: float,
+    angle: float,
+    out: NDArray[np.float32],
+) -> None:
+    """Sample a patch as :func:`sample` does, turned by `angle` radians, from x towards y.
+
+    A turned patch cannot be filtered by columns and rows, so that this costs several times as much.
+    """
+    flat = window.reshape(window.shape[0], -1)
+    _sample_turned(flat, cx, cy, step_x, step_y, math.cos(angle), math.sin(angle), out)
+
+
+@kernel()
+def _sample_turned(
+    window: Plane, cx: float, cy: float, step_x: float, step_y: float, cosine: float, sine: float, out: Image
+) -> None:
+    """Sample a turned patch, with pixels as C columns of the window."""
+    rows, columns, channels = out.shape
+    height, width = window.shape[0], window.shape[1] // channels
+    sub_x = smaller(larger(np.int64(step_x + 0.5), 1), 4)
+    sub_y = smaller(larger(np.int64(step_y + 0.5), 1), 4)
+    share = 1.0 / (sub_x * sub_y)
+    for i in range(rows):
+        for j in range(columns):
+            for c in range(channels):
+                out[i, j, c] = 0.0
+            for k in range(sub_x * sub_y):
+                dx = (j - 0.5 * (columns - 1) + (k % sub_x + 0.5) / sub_x - 0.5) * step_x
+                dy = (i - 0.5 * (rows - 1) + (k // sub_x + 0.5) / sub_y - 0.5) * step_y
+                px = smaller(larger(cx + cosine * dx - sine * dy, 0.0), width - 1.0)
+                py = smaller(larger(cy + sine * dx + cosine * dy, 0.0), height - 1.0)
+                x, y = smaller(np.int64(px), width - 2), smaller(np.int64(py), height - 2)
+                fx, fy = px - x, py - y
+                for c in range(channels):
+                    left, right = x * channels + c, (x + 1) * channels + c
+                    top = window[y, left] + fx * (window[y, right] - window[y, left])
+                    low = window[y + 1, left] + fx * (window[y + 1, right] - window[y + 1, left])
+                    out[i, j, c] += share * (top + fy * (low - top))
 
 
 def orientations(gray: NDArray[np.float32], out: NDArray[np.float32]) -> None:
@@ -233,8 +279,8 @@ def _residual_weights(a: Plane, b: Plane, flow: Image, prior: Plane, error: Plan
 
 
 @kernel()
-def fit_motion(flow: Image, weight: Plane, motion: Numbers) -> None:
-    """Fit ``u = tx + sx X, v = ty + sy Y`` to a flow field by iteratively re-weighted least squares.
+def fit_motion(flow: Image, weight: Plane, turning: float, motion: Numbers) -> None:
+    """Fit ``u = tx + sx X - r Y, v = ty + sy Y + r X`` to a flow field by iteratively re-weighted least squares.
 
     X, Y are measured from the patch centre, in samples. Eight rounds; every second pixel; Geman–McClure weights
     with the scale set by the median residual.
@@ -245,15 +291,18 @@ def fit_motion(flow: Image, weight: Plane, motion: Numbers) -> None:
         Samples.
     weight : ndarray, shape (H, W), float32
         Prior weights, not negative.
-    motion : ndarray, shape (6,), float64
-        Receives tx, ty, sx, sy, the isotropic scale s and the median residual (samples).
+    turning : float
+        1, or 0 to leave r at 0.
+    motion : ndarray, shape (7,), float64
+        Receives tx, ty, sx, sy, the isotropic scale s, the median residual (samples) and the rotation r (radians
+        from x towards y).
     """
     height, width = weight.shape
     mx, my = 0.5 * (width - 1), 0.5 * (height - 1)
     histogram = _histogram()
-    tx, ty, sx, sy, scale, median = 0.0, 0.0, 0.0, 0.0, 0.0, 8.0
+    tx, ty, sx, sy, scale, median, turn_rate = 0.0, 0.0, 0.0, 0.0, 0.0, 8.0, 0.0
     for turn in range(8):
-        n = xu = yv = u1 = v1 = xw = yw = xx = yy = 1e-9
+        n = xu = yv = xv = yu = u1 = v1 = xw = yw = xx = yy = 1e-9
         limit = 1.5 * larger(0.05, 1.48 * median)
         for i in range(_BINS):
             histogram[i] = 0.0
@@ -265,7 +314,7 @@ def fit_motion(flow: Image, weight: Plane, motion: Numbers) -> None:
                 px, py = x - mx, y - my
                 u, v = flow[y, x, 0], flow[y, x, 1]
                 if turn > 0:
-                    du, dv = u - tx - scale * px, v - ty - scale * py
+                    du, dv = u - tx - scale * px + turn_rate * py, v - ty - scale * py - turn_rate * px
                     square = du * du + dv * dv
                     fair = 1.0 + square / (limit * limit)
                     histogram[smaller(np.int64(root(square) * _BINS_PER_PX), _BINS - 1)] += w
@@ -279,11 +328,14 @@ def fit_motion(flow: Image, weight: Plane, motion: Numbers) -> None:
                 v1 += w * v
                 xu += w * px * u
                 yv += w * py * v
+                xv += w * px * v
+                yu += w * py * u
         cxx, cyy = xx - xw * xw / n, yy - yw * yw / n
         cxu, cyv = xu - xw * u1 / n, yv - yw * v1 / n
         sx, sy = cxu / (cxx + 1e-6), cyv / (cyy + 1e-6)
         scale = (cxu + cyv) / (cxx + cyy + 1e-6)
-        tx, ty = (u1 - scale * xw) / n, (v1 - scale * yw) / n
+        turn_rate = turning * (xv - xw * v1 / n - yu + yw * u1 / n) / (cxx + cyy + 1e-6)
+        tx, ty = (u1 - scale * xw + turn_rate * yw) / n, (v1 - scale * yw - turn_rate * xw) / n
         if turn > 0:
             half = 0.0
             for i in range(_BINS):
@@ -298,6 +350,7 @@ def fit_motion(flow: Image, weight: Plane, motion: Numbers) -> None:
         else:
             median = 1.0
     motion[0], motion[1], motion[2], motion[3], motion[4], motion[5] = tx, ty, sx, sy, scale, median
+    motion[6] = turn_rate
 
 
 @kernel()
@@ -307,7 +360,7 @@ def misfit(flow: Image, motion: Numbers, square: Plane) -> None:
     Parameters
     ----------
     flow : ndarray, shape (H, W, 2), float32
-    motion : ndarray, shape (6,), float64
+    motion : ndarray, shape (7,), float64
         From :func:`fit_motion`.
     square : ndarray, shape (H, W), float32
         Receives the squared distance, samples².
@@ -316,6 +369,6 @@ def misfit(flow: Image, motion: Numbers, square: Plane) -> None:
     mx, my = 0.5 * (width - 1), 0.5 * (height - 1)
     for y in range(height):
         for x in range(width):
-            du = flow[y, x, 0] - motion[0] - motion[4] * (x - mx)
-            dv = flow[y, x, 1] - motion[1] - motion[4] * (y - my)
+            du = flow[y, x, 0] - motion[0] - motion[4] * (x - mx) + motion[6] * (y - my)
+            dv = flow[y, x, 1] - motion[1] - motion[4] * (y - my) - motion[6] * (x - mx)
             square[y, x] = du * du + dv * dv

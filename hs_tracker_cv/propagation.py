@@ -53,6 +53,7 @@ _KEY_MATCH = 0.7
 _MIN_SIDE = 6.0
 _CLEARLY = 0.1
 _RIDE_RATE = 0.03
+_MAX_TURN = 0.15
 _ZOOMS = (0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.7)
 _GOOD, _UNSURE, _WEAK, _BAD = "good", "unsure", "weak", "bad"
 
@@ -90,11 +91,11 @@ def start(frame: Frame, box: Box, params: PropagationParams) -> PropagationState
     model = _first_model(view, g, pose, params)
     patch = model.previous
     report = PropagationReport(
-        box, True, 1.0, False, *_window(g, pose), patch, patch, np.zeros((*patch.shape, 2), np.float32), 1.0,
+        box, 0.0, True, 1.0, False, *_window(g, pose), patch, patch, np.zeros((*patch.shape, 2), np.float32), 1.0,
         np.zeros_like(g.window), 1.0, (1.0,), 1.0, _GOOD,
     )  # fmt: skip
     return PropagationState(
-        g, pose, (0.0, 0.0), model, 1.0, 1.0, _first_colour(view, pose, model, g), 1, 0, g.body, report
+        g, pose, (0.0, 0.0), model, 1.0, 1.0, _first_colour(view, pose, model, g), 1, 0, g.body, None, report
     )
 
 
@@ -137,16 +138,18 @@ def step(
     frame : Frame
     params : PropagationParams
     near : tuple of float, optional
-        Where it may be if it is lost, frame px.
+        Where else to look for it, it being lost; frame px.
 
     Returns
     -------
     PropagationState
         Its `report` holds the box.
     """
+    if near is not None:
+        state = replace(state, hint=replace(state.pose, cx=near[0] - 0.5, cy=near[1] - 0.5))
     g, expected = state.geometry, state.pose.moved(*state.velocity)
     view = View(frame, g, expected)
-    found = _find(state, view, expected, params, near)
+    found = _find(state, view, expected, params)
     carried = _carry(state, view, found, params)
     pose, keys = _hold(state, view, frame, carried, found.height, params)
     verdict = _judge(state, frame, pose, expected, found.height, keys, carried.colour, params)
@@ -165,6 +168,7 @@ def step(
     pose, velocity, low = _settle(state, pose, coarse, verdict, params)
     lost, share = low > params.patience, kept_share(kept, g)
     model = state.model if lost and verdict == _BAD else replace(state.model, previous=view.fine(pose))
+    hint = found.pose if lost and verdict == _BAD else None
     peak, match, colour, good_frames = state.peak, state.match, state.colour, state.good_frames
     if verdict == _GOOD:
         model = _learn(model, view, g, pose, carried, max(keys), share, params)
@@ -173,16 +177,16 @@ def step(
         good_frames += 1
         peak += max(0.05, 1.0 / good_frames) * (found.height - peak)
     report = PropagationReport(
-        box_at(g, pose), not lost, _score(found.height + keys[0], share), lost, *_window(g, found.pose),
+        box_at(g, pose), pose.angle, not lost, _score(found.height + keys[0], share), lost, *_window(g, found.pose),
         state.model.previous, carried.seen_at_start, carried.flow, found.height, found.response, carried.agreement,
         tuple(keys), share, verdict,
     )  # fmt: skip
-    return PropagationState(g, pose, velocity, model, peak, match, colour, good_frames, low, kept, report)
+    return PropagationState(g, pose, velocity, model, peak, match, colour, good_frames, low, kept, hint, report)
 
 
-def _fit(flow: F32, weight: F32) -> NDArray[np.float64]:
-    motion = np.empty(6)
-    patches.fit_motion(flow, weight, motion)
+def _fit(flow: F32, weight: F32, p: PropagationParams) -> NDArray[np.float64]:
+    motion = np.empty(7)
+    patches.fit_motion(flow, weight, float(p.rotation), motion)
     return motion
 
 
@@ -192,11 +196,12 @@ def _register(
     """Flow key → current, the weight of each pixel and the motion fitted to it."""
     flow, weight = _flow(key, current, p, levels), np.empty_like(prior)
     patches.residual_weights(key, current, flow, prior, weight)
-    return flow, weight, _fit(flow, weight)
+    return flow, weight, _fit(flow, weight, p)
 
 
 def _applied(pose: Pose, motion: NDArray[np.float64], g: Geometry, limit: float) -> Pose:
-    moved = pose.moved(g.fine_step * pose.sx * float(motion[0]), g.fine_step * pose.sy * float(motion[1]))
+    moved = pose.shifted(g.fine_step * pose.sx * float(motion[0]), g.fine_step * pose.sy * float(motion[1]))
+    moved = moved.turned(min(max(float(motion[6]), -_MAX_TURN), _MAX_TURN))
     return moved.scaled(1.0 + min(max(float(motion[4]), -limit), limit))
 
 
@@ -221,13 +226,13 @@ def _separate(
     patches.residual_weights(previous, current, flow, g.outside, around)
     if float(around.sum()) < 10.0:
         return motion, None
-    background = _fit(flow, around)
+    background = _fit(flow, around, p)
     patches.misfit(flow, background, square)
     spread = 0.25 + 1.5 * float(background[5])
     apart = weight * (np.float32(1.0) - np.exp(square * np.float32(-0.5 / spread**2)))
     if float(apart.sum()) < 0.25 * float(weight.sum()) + 1e-3:
         return motion, None
-    motion = _fit(flow, apart)
+    motion = _fit(flow, apart, p)
     if math.hypot(motion[0] - background[0], motion[1] - background[1]) < p.separation:
         return motion, None
     own = np.empty_like(weight)
@@ -303,7 +308,7 @@ def _hold(
             return reset, scores
     if found is not None:
         pose = pose.moved(0.5 * (found.cx - pose.cx), 0.5 * (found.cy - pose.cy))
-        pose = pose.scaled(math.sqrt(found.sx / pose.sx))
+        pose = pose.scaled(math.sqrt(found.sx / pose.sx)).turned(0.5 * (found.angle - pose.angle))
     return _gate_scale(pose, state.pose, max(carried.agreement, *scores), g, frame), scores
 
 
@@ -321,7 +326,7 @@ def _gate_scale(pose: Pose, old: Pose, agreement: float, g: Geometry, frame: Fra
     side = math.sqrt(g.w * g.h * old.sx * old.sy) * factor
     if not _MIN_SIDE <= side <= 0.9 * max(frame.width, frame.height):
         factor = 1.0
-    return Pose(pose.cx, pose.cy, old.sx * factor, old.sy * factor)
+    return Pose(pose.cx, pose.cy, old.sx * factor, old.sy * factor, pose.angle)
 
 
 def _judge(
@@ -372,7 +377,7 @@ def _settle(
         return pose, (vx + rate * (pose.cx - old.cx - vx), vy + rate * (pose.cy - old.cy - vy)), 0
     if verdict in (_UNSURE, _WEAK):
         low = 1 if verdict == _UNSURE else state.low + 1
-        return Pose(coarse.cx, coarse.cy, old.sx, old.sy), (0.5 * vx, 0.5 * vy), low
+        return replace(old, cx=coarse.cx, cy=coarse.cy), (0.5 * vx, 0.5 * vy), low
     low = state.low + 1
     if low > p.patience:
         return old, (0.0, 0.0), low
@@ -444,14 +449,16 @@ def ride(state: PropagationState, box: Box) -> PropagationState:
         At rest in the middle of `box`, not lost.
     """
     g, old = state.geometry, state.pose
-    pose = Pose(
-        box.x + box.w / 2 - 0.5,
-        box.y + box.h / 2 - 0.5,
-        old.sx + _RIDE_RATE * (box.w / g.w - old.sx),
-        old.sy + _RIDE_RATE * (box.h / g.h - old.sy),
+    first = box_at(g, replace(old, sx=1.0, sy=1.0))
+    pose = replace(
+        old,
+        cx=box.x + box.w / 2 - 0.5,
+        cy=box.y + box.h / 2 - 0.5,
+        sx=old.sx + _RIDE_RATE * (box.w / first.w - old.sx),
+        sy=old.sy + _RIDE_RATE * (box.h / first.h - old.sy),
     )
     report = replace(state.report, box=box, ok=True, lost=False)
-    return replace(state, pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, report=report)
+    return replace(state, pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, hint=None, report=report)
 
 
 def dismiss(before: PropagationState, after: PropagationState) -> PropagationState:

@@ -6,6 +6,7 @@ replaced by what comes from outside. The map has half the resolution of the fine
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,13 +76,15 @@ def carried_along(
         textured = halved(carried.weight / (carried.weight + np.float32(0.1)))
         kept = kept * (np.float32(1.0) - textured * np.maximum(1.0 - 2.0 * halved(carried.belongs), 0.0))
     rows, columns = kept.shape
-    unit, zoom = 2.0 * g.fine_step * coarse.sx, pose.sx / coarse.sx
+    unit, zoom, turn = 2.0 * g.fine_step * coarse.sx, pose.sx / coarse.sx, pose.angle - coarse.angle
     along = np.arange(columns, dtype=np.float32) - np.float32(0.5 * (columns - 1))
     up = np.arange(rows, dtype=np.float32) - np.float32(0.5 * (rows - 1))
-    x = np.float32((pose.cx - coarse.cx) / unit + 0.5 * (columns - 1)) + np.float32(zoom) * along
-    y = np.float32((pose.cy - coarse.cy) / unit + 0.5 * (rows - 1)) + np.float32(zoom) * up
+    right, down = coarse.offset(pose)
+    cosine, sine = np.float32(zoom * math.cos(turn)), np.float32(zoom * math.sin(turn))
+    x = np.float32(right / unit + 0.5 * (columns - 1)) + cosine * along[None, :] - sine * up[:, None]
+    y = np.float32(down / unit + 0.5 * (rows - 1)) + cosine * up[:, None] + sine * along[None, :]
     half = carried.flow[1::2, 1::2] * np.float32(0.5)
-    moved, before = _at(x[None, :] - half[:, :, 0], y[:, None] - half[:, :, 1], kept, halved(state.model.previous))
+    moved, before = _at(x - half[:, :, 0], y - half[:, :, 1], kept, halved(state.model.previous))
     unchanged = (np.float32(p.changed) - np.abs(before - now)) * np.float32(1.0 / (p.changed - p.same))
     return np.asarray(moved * np.clip(unchanged, 0.0, 1.0), np.float32)
 

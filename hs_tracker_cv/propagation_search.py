@@ -17,7 +17,7 @@ __all__ = ["Found", "find", "finer", "look"]
 
 F32 = NDArray[np.float32]
 
-_LOOKS, _PLACES = 8, 200
+_LOOKS, _PLACES, _APART = 8, 200, 1.2
 
 
 @dataclass(frozen=True)
@@ -45,30 +45,19 @@ def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty:
     top = anchor.find_peak(response - fade)
     rows, columns = response.shape
     row, column = min(round(top.dy) + rows // 2, rows - 1), min(round(top.dx) + columns // 2, columns - 1)
-    pose = at.moved(top.dx * g.coarse_step * at.sx, top.dy * g.coarse_step * at.sy)
+    pose = at.shifted(top.dx * g.coarse_step * at.sx, top.dy * g.coarse_step * at.sy)
     return Found(top.height, pose, float(response[row, column]), response, at, likelihood)
 
 
-def find(
-    state: PropagationState,
-    view: View,
-    expected: Pose,
-    p: PropagationParams,
-    near: tuple[float, float] | None = None,
-) -> Found:
-    """Best place in the window at the pose expected, and elsewhere where that is a poor one.
-
-    An object that is lost is looked for `near` a point (frame px), too.
-    """
+def find(state: PropagationState, view: View, expected: Pose, p: PropagationParams) -> Found:
+    """Best place in the window at the pose expected, and elsewhere where that is a poor one."""
     g = state.geometry
     penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
     best = look(state, view, expected, expected, penalty)
     if best.height < p.weak * state.peak:
         lost = state.low - p.patience
         places = _elsewhere(state.pose, g, view, lost)
-        if near is not None and lost > 0:
-            places.append(replace(state.pose, cx=near[0] - 0.5, cy=near[1] - 0.5))
-        for at in places:
+        for at in places if state.hint is None else [state.hint, *places]:
             # Nothing is known of where a lost object is, so that no place is worth less than another.
             best = max(best, look(state, view, at, at if lost > 0 else expected, penalty), key=lambda f: f.value)
     moved = math.hypot(best.pose.cx - expected.cx, best.pose.cy - expected.cy)
@@ -83,8 +72,9 @@ def finer(found: Found, g: Geometry) -> F32 | None:
     if found.likelihood is None:
         return None
     rows, columns = found.likelihood.shape
-    x = (found.pose.cx - found.window.cx) / (g.coarse_step * found.window.sx) + 0.5 * (columns - 1)
-    y = (found.pose.cy - found.window.cy) / (g.coarse_step * found.window.sy) + 0.5 * (rows - 1)
+    right, down = found.window.offset(found.pose)
+    x = right / (g.coarse_step * found.window.sx) + 0.5 * (columns - 1)
+    y = down / (g.coarse_step * found.window.sy) + 0.5 * (rows - 1)
     out = np.empty((*g.weights.shape, 1), np.float32)
     ratio = g.fine_step / g.coarse_step
     patches.sample(found.likelihood[:, :, None], x, y, ratio, ratio, out)
@@ -94,22 +84,31 @@ def finer(found: Found, g: Geometry) -> F32 | None:
 def _elsewhere(pose: Pose, g: Geometry, view: View, lost: int) -> list[Pose]:
     """Where else to look: all round the last pose; once lost, at a few more places in each frame, near ones first.
 
-    The places are a box apart and cover the frame, or of a large one the part round the last pose; then from the
-    beginning again.
+    These are `_APART` boxes apart and cover the frame, or of a large one the part round the last pose;
+    then from the beginning again.
     """
     width, height = g.w * pose.sx, g.h * pose.sy
     if lost <= 0:
         steps = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)]
-    else:
-        frame_width, frame_height = view.size
-        places = _places(
-            *(max(0, int(room)) for room in (pose.cx / width, (frame_width - pose.cx) / width)),
-            *(max(0, int(room)) for room in (pose.cy / height, (frame_height - pose.cy) / height)),
+        near = (pose.moved(across * width, down * height) for across, down in steps)
+        return [at for at in near if view.contains(at)]
+    width, height = _APART * width, _APART * height
+    frame_width, frame_height = view.size
+    places = _places(
+        *(max(0, math.ceil(room)) for room in (pose.cx / width, (frame_width - pose.cx) / width)),
+        *(max(0, math.ceil(room)) for room in (pose.cy / height, (frame_height - pose.cy) / height)),
+    )
+    first = _LOOKS * (lost - 1)
+    steps = [places[i % len(places)] for i in range(first, first + min(_LOOKS, len(places)))]
+    # The outermost places are on the border, where what has left comes back.
+    return [
+        replace(
+            pose,
+            cx=min(max(pose.cx + across * width, 0.0), frame_width - 1.0),
+            cy=min(max(pose.cy + down * height, 0.0), frame_height - 1.0),
         )
-        first = _LOOKS * (lost - 1)
-        steps = [places[i % len(places)] for i in range(first, first + min(_LOOKS, len(places)))]
-    found = (pose.moved(across * width, down * height) for across, down in steps)
-    return [at for at in found if view.contains(at)]
+        for across, down in steps
+    ]
 
 
 @lru_cache(maxsize=64)

@@ -47,6 +47,8 @@ class PropagationParams:
         Flow preset, see :class:`~hs_tracker_cv.flow.HornSchunck`.
     levels, key_levels, warps : int
         Pyramid levels of the flow between frames and from keyframes, and warps per level.
+    rotation : bool
+        Follow the object's rotation in the picture too; the box is then the upright one round the turned one.
     max_scale_step, max_key_scale : float
         Largest relative change of size taken from one flow field.
     patch_rate, colour_rate, filter_rate : float
@@ -109,6 +111,7 @@ class PropagationParams:
     levels: int = 4
     key_levels: int = 3
     warps: int = 2
+    rotation: bool = False
     max_scale_step: float = 0.03
     max_key_scale: float = 0.1
     patch_rate: float = 0.03
@@ -150,20 +153,36 @@ class PropagationParams:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the box is: centre in pixel-index coordinates, and size relative to the first box."""
+    """Where the box is: centre in pixel-index coordinates, size relative to the first box, turn in radians."""
 
     cx: float
     cy: float
     sx: float
     sy: float
+    angle: float = 0.0
 
     def moved(self, dx: float, dy: float) -> Pose:
         """Return the pose translated by (dx, dy) px."""
-        return Pose(self.cx + dx, self.cy + dy, self.sx, self.sy)
+        return Pose(self.cx + dx, self.cy + dy, self.sx, self.sy, self.angle)
 
     def scaled(self, factor: float) -> Pose:
         """Return the pose with its size multiplied."""
-        return Pose(self.cx, self.cy, self.sx * factor, self.sy * factor)
+        return Pose(self.cx, self.cy, self.sx * factor, self.sy * factor, self.angle)
+
+    def turned(self, angle: float) -> Pose:
+        """Return the pose turned by an angle, radians from x towards y."""
+        return Pose(self.cx, self.cy, self.sx, self.sy, self.angle + angle)
+
+    def shifted(self, right: float, down: float) -> Pose:
+        """Return the pose translated along its own axes, px."""
+        cosine, sine = math.cos(self.angle), math.sin(self.angle)
+        return self.moved(cosine * right - sine * down, sine * right + cosine * down)
+
+    def offset(self, other: Pose) -> tuple[float, float]:
+        """Return where the centre of another pose is, along the axes of this one, px."""
+        dx, dy = other.cx - self.cx, other.cy - self.cy
+        cosine, sine = math.cos(self.angle), math.sin(self.angle)
+        return cosine * dx + sine * dy, cosine * dy - sine * dx
 
 
 @dataclass(frozen=True)
@@ -193,6 +212,8 @@ class PropagationReport:
     ----------
     box : Box
         Sub-pixel, frame px; the last believed one while lost.
+    angle : float
+        Turn of the object since the start, radians from x towards y; 0 unless asked for.
     ok : bool
         The object was located.
     score : float
@@ -223,6 +244,7 @@ class PropagationReport:
     """
 
     box: Box
+    angle: float
     ok: bool
     score: float
     lost: bool
@@ -256,7 +278,7 @@ class Model:
 
 @dataclass(frozen=True)
 class PropagationState:
-    """Everything carried from frame to frame; immutable, picklable."""
+    """Everything carried from frame to frame; immutable, picklable. `hint` is where a lost object was likeliest."""
 
     geometry: Geometry
     pose: Pose
@@ -268,6 +290,7 @@ class PropagationState:
     good_frames: int
     low: int
     kept: F32
+    hint: Pose | None
     report: PropagationReport
 
 
@@ -303,8 +326,12 @@ def halved(plane: F32) -> F32:
 
 
 def box_at(g: Geometry, pose: Pose) -> Box:
-    """Box of an object at a pose, frame px."""
-    return Box.from_centre(pose.cx + 0.5, pose.cy + 0.5, g.w * pose.sx, g.h * pose.sy)
+    """Upright box round an object at a pose, frame px."""
+    width, height = g.w * pose.sx, g.h * pose.sy
+    cosine, sine = abs(math.cos(pose.angle)), abs(math.sin(pose.angle))
+    return Box.from_centre(
+        pose.cx + 0.5, pose.cy + 0.5, cosine * width + sine * height, cosine * height + sine * width
+    )
 
 
 def jump_from(g: Geometry, pose: Pose, expected: Pose) -> float:

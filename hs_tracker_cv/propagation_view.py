@@ -74,15 +74,19 @@ class View:
         source = self._gray if gray else self._colour
         out = np.empty((rows, columns, source.shape[2]), np.float32)
         t = self._thin
-        patches.sample(
-            source, pose.cx / t - self._left, pose.cy / t - self._top, unit * pose.sx / t, unit * pose.sy / t, out
-        )
+        place = source, pose.cx / t - self._left, pose.cy / t - self._top, unit * pose.sx / t, unit * pose.sy / t
+        if pose.angle == 0.0:
+            patches.sample(*place, out)
+        else:
+            patches.sample_turned(*place, pose.angle, out)
         return out
 
     def _cut(self, pose: Pose, unit: float, rows: int, columns: int) -> None:
         t = self._thin
         x, y = pose.cx / t, pose.cy / t
-        half_x, half_y = unit * pose.sx * columns / 2 / t + 4, unit * pose.sy * rows / 2 / t + 4
+        half_x, half_y = unit * pose.sx * columns / 2 / t, unit * pose.sy * rows / 2 / t
+        cosine, sine = abs(math.cos(pose.angle)), abs(math.sin(pose.angle))
+        half_x, half_y = cosine * half_x + sine * half_y + 4, cosine * half_y + sine * half_x + 4
         inside = x - half_x >= self._left and x + half_x <= self._right
         if inside and y - half_y >= self._top and y + half_y <= self._bottom:
             return

@@ -14,6 +14,8 @@ from hs_tracker_cv import patches, propagation
 from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
 from hs_tracker_cv.propagation import PropagationParams, PropagationState
+from hs_tracker_cv.propagation_search import _elsewhere
+from hs_tracker_cv.propagation_view import View
 
 PARAMS = PropagationParams()
 Path = Callable[[int], Box | None]
@@ -229,6 +231,18 @@ def test_a_look_alike_far_off_does_not_draw_the_box_away() -> None:
     assert states[15].report.ok
 
 
+def test_search_after_a_loss_covers_the_frame() -> None:
+    """In one round of places every pixel of the frame is less than a box from one, also at the borders."""
+    states = _track(lambda t: _moving(0) if t < 5 else None, 12)
+    state, view = states[-1], View(_frame(None), states[-1].geometry, states[-1].pose)
+    assert state.report.lost
+    places = [at for turn in range(1, 8) for at in _elsewhere(state.pose, state.geometry, view, turn)]
+    y, x = np.mgrid[:180:4, :240:4]
+    away = np.min([np.maximum(np.abs(x - at.cx), np.abs(y - at.cy)) for at in [state.pose, *places]], axis=0)
+    assert away.max() < 40.0
+    assert all(0 <= at.cx < 240 and 0 <= at.cy < 180 for at in places)
+
+
 @pytest.mark.parametrize("side", [12.0, 150.0], ids=["tiny", "large"])
 def test_cost_is_bounded_by_the_object(side: float) -> None:
     """Patches have the same number of samples whatever the object's size in pixels."""
@@ -268,10 +282,62 @@ def test_fit_ignores_outliers() -> None:
     x, y = x - 25.5, y - 23.5
     flow = np.stack([1.5 + 0.03 * x, -0.7 + 0.03 * y], axis=2).astype(np.float32)
     flow[:8] = (5.0, 4.0)
-    motion = np.empty(6)
-    patches.fit_motion(flow, np.ones((48, 52), np.float32), motion)
+    motion = np.empty(7)
+    patches.fit_motion(flow, np.ones((48, 52), np.float32), 0.0, motion)
     np.testing.assert_allclose(motion[[0, 1, 4]], [1.5, -0.7, 0.03], atol=0.02)
+    assert motion[6] == 0.0
     square = np.empty((48, 52), np.float32)
     patches.misfit(flow, motion, square)
     assert square[20:].max() < 0.01
     assert square[:8].min() > 4.0
+
+
+def test_fit_finds_a_rotation_when_asked() -> None:
+    """A field that shifts, grows and turns gives back all three, and is explained by them everywhere."""
+    y, x = np.mgrid[:48, :52].astype(np.float32)
+    x, y = x - 25.5, y - 23.5
+    flow = np.stack([0.8 + 0.02 * x - 0.05 * y, -0.4 + 0.02 * y + 0.05 * x], axis=2).astype(np.float32)
+    motion = np.empty(7)
+    patches.fit_motion(flow, np.ones((48, 52), np.float32), 1.0, motion)
+    np.testing.assert_allclose(motion[[0, 1, 4, 6]], [0.8, -0.4, 0.02, 0.05], atol=1e-3)
+    square = np.empty((48, 52), np.float32)
+    patches.misfit(flow, motion, square)
+    assert square.max() < 1e-4
+
+
+@pytest.mark.parametrize("step", [1.0, 2.6])
+def test_turned_sample_of_a_ramp_is_exact(step: float) -> None:
+    """On a plane a turned patch equals the plane at the turned places."""
+    y, x = np.mgrid[:120, :140].astype(np.float32)
+    window = np.stack([2 * x + y, 50 - y], axis=2).astype(np.float32)
+    out = np.empty((10, 12, 2), np.float32)
+    patches.sample_turned(window, 70.3, 60.8, step, step, 0.6, out)
+    dx, dy = (np.arange(12) - 5.5) * step, ((np.arange(10) - 4.5) * step)[:, None]
+    px, py = 70.3 + np.cos(0.6) * dx - np.sin(0.6) * dy, 60.8 + np.sin(0.6) * dx + np.cos(0.6) * dy
+    np.testing.assert_allclose(out, np.stack([2 * px + py, 50 - py], axis=2), atol=1e-3)
+
+
+def test_rotation_is_followed_when_asked() -> None:
+    """A square that turns by 90 degrees in 60 frames: its angle is known throughout, and the upright box fits."""
+
+    def turned(t: int) -> tuple[Frame, float]:
+        angle, side = np.deg2rad(1.5 * t), 40.0
+        image = 0.5 * _texture(1, 180, 240, True) + 30
+        square = _texture(2, 80, 80, True) * np.asarray([1.0, 0.9, 0.6], np.float32)
+        scale = side / 80
+        matrix = scale * np.asarray([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        shift = np.asarray([100.0 + 0.5 * t, 90.0]) - 0.5 - matrix @ np.asarray([39.5, 39.5])
+        affine, size = np.concatenate([matrix, shift[:, None]], axis=1), (240, 180)
+        cover = cv2.warpAffine(np.ones((80, 80), np.float32), affine, size)[:, :, None]
+        image = image * (1 - cover) + cv2.warpAffine(square, affine, size)
+        return as_frame(np.clip(image, 0, 255).astype(np.uint8)), float(angle)
+
+    params = PropagationParams(rotation=True)
+    state = propagation.start(turned(0)[0], Box(80.0, 70.0, 40.0, 40.0), params)
+    for t in range(1, 61):
+        frame, angle = turned(t)
+        state = propagation.step(state, frame, params)
+        assert state.report.ok
+        assert state.report.angle == pytest.approx(angle, abs=0.06)
+        side = 40.0 * (abs(np.cos(angle)) + abs(np.sin(angle)))
+        assert iou(state.report.box, Box.from_centre(100.0 + 0.5 * t, 90.0, side, side)) > 0.85
