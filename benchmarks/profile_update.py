@@ -54,10 +54,10 @@ LAYERS = (
 )
 
 PROPAGATION = (
-    Stage("find: correlation filter", "propagation", "_find"),
-    Stage("carry: flow between frames", "propagation", "_carry"),
-    Stage("hold: keyframes", "propagation", "_hold"),
-    Stage("learn", "propagation", "_learn"),
+    Stage("find: correlation filter", "propagation.tracking", "find"),
+    Stage("carry: flow between frames", "propagation.tracking", "_carry"),
+    Stage("hold: keyframes", "propagation.tracking", "_hold"),
+    Stage("learn", "propagation.tracking", "_learn"),
 )
 
 

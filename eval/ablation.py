@@ -214,7 +214,7 @@ def _paper(horn_schunck: Any) -> Any:
 
 
 def _flow_cuts(make: Callable[[Any], Any]) -> tuple[Cut, ...]:
-    return Cut("flow", "HornSchunck", make), Cut("propagation", "HornSchunck", make)
+    return Cut("flow", "HornSchunck", make), Cut("propagation.tracking", "HornSchunck", make)
 
 
 ABLATIONS: dict[str, Ablation] = {
@@ -279,7 +279,7 @@ ABLATIONS: dict[str, Ablation] = {
     "no-learning": Ablation(
         "propagation",
         "learning after the first frame",
-        (Cut("propagation", "_learn", lambda _: lambda model, *rest: model),),
+        (Cut("propagation.tracking", "_learn", lambda _: lambda model, *rest: model),),
     ),
     "layers-only": Ablation("choice", "the carried box: segmentation always", mode="layers"),
     "propagation-only": Ablation("choice", "segmentation: the carried box always", mode="propagation"),

@@ -14,8 +14,8 @@ from hs_tracker_cv import patches, propagation
 from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
 from hs_tracker_cv.propagation import PropagationParams, PropagationState
-from hs_tracker_cv.propagation_search import _elsewhere
-from hs_tracker_cv.propagation_view import View
+from hs_tracker_cv.propagation.search import _elsewhere
+from hs_tracker_cv.propagation.view import View
 
 PARAMS = PropagationParams()
 Path = Callable[[int], Box | None]

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from . import anchor, patches
-from .frames import Frame, crop, to_gray
-from .propagation_state import Geometry, Pose
+from .. import anchor, patches
+from ..frames import Frame, crop, to_gray
+from .state import Geometry, Pose
 
 __all__ = ["COLOURS", "GRAYS", "View", "bins_of", "channels", "foreground", "histograms_of", "likelihood_of"]
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from . import anchor
-from .propagation_state import Geometry, Pose, PropagationParams, PropagationState, halved
-from .propagation_view import View
+from .. import anchor
+from .state import Geometry, Pose, PropagationParams, PropagationState, halved
+from .view import View
 
 __all__ = ["Carried", "body_weights", "carried_along", "coherence_with", "kept_share", "refreshed"]
 

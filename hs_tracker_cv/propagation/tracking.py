@@ -1,17 +1,4 @@
-"""The box carried by the dense flow inside it: for parts, stops and moving cameras.
-
-Each frame, in patches resampled round the box so that the object always has the same size in samples:
-
-1. *Find*: a correlation filter on a wide, coarse window says where the object's surroundings are.
-2. *Carry*: the Horn–Schunck flow between the previous and the present fine patch, fitted robustly by a
-   translation and a scale, moves and resizes the box.
-3. *Hold*: the flow from stored keyframes to the present patch takes out the drift of summed increments.
-4. *Judge*: agreement with what was learned decides whether to follow, to learn, to coast or to search.
-5. *Keep*: the flow also says how much of what was in the box is still in it. A target that turns looks like nothing
-   that was learned, but its surface goes on in the box; one that is hidden is replaced by what comes from outside.
-
-All functions are pure: a state goes in, a new one comes out, and no array of the old one is written to.
-"""
+"""One frame of the carried box: find, carry, hold, judge, learn."""
 
 from __future__ import annotations
 
@@ -22,14 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from . import anchor, patches
-from .flow import HornSchunck
-from .frames import Frame
-from .geometry import Box
-from .propagation_kept import Carried, body_weights, carried_along, coherence_with, kept_share, refreshed
-from .propagation_search import Found, finer, look
-from .propagation_search import find as _find
-from .propagation_state import (
+from .. import anchor, patches
+from ..flow import HornSchunck
+from ..frames import Frame
+from ..geometry import Box
+from .kept import Carried, body_weights, carried_along, coherence_with, kept_share, refreshed
+from .search import Found, find, finer, look
+from .state import (
     Geometry,
     Model,
     Pose,
@@ -41,9 +27,9 @@ from .propagation_state import (
     halved,
     jump_from,
 )
-from .propagation_view import COLOURS, GRAYS, View, bins_of, channels, foreground, histograms_of, likelihood_of
+from .view import COLOURS, GRAYS, View, bins_of, channels, foreground, histograms_of, likelihood_of
 
-__all__ = ["PropagationParams", "PropagationReport", "PropagationState", "dismiss", "ride", "start", "step"]
+__all__ = ["dismiss", "ride", "start", "step"]
 
 F32 = NDArray[np.float32]
 
@@ -149,7 +135,7 @@ def step(
         state = replace(state, hint=replace(state.pose, cx=near[0] - 0.5, cy=near[1] - 0.5))
     g, expected = state.geometry, state.pose.moved(*state.velocity)
     view = View(frame, g, expected)
-    found = _find(state, view, expected, params)
+    found = find(state, view, expected, params)
     carried = _carry(state, view, found, params)
     pose, keys = _hold(state, view, frame, carried, found.height, params)
     verdict = _judge(state, frame, pose, expected, found.height, keys, carried.colour, params)

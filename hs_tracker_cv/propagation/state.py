@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from . import anchor
-from .geometry import Box
+from .. import anchor
+from ..geometry import Box
 
 __all__ = [
     "Geometry",

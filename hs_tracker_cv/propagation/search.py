@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from . import anchor, patches
-from .propagation_state import Geometry, Pose, PropagationParams, PropagationState
-from .propagation_view import View, bins_of, foreground
+from .. import anchor, patches
+from .state import Geometry, Pose, PropagationParams, PropagationState
+from .view import View, bins_of, foreground
 
 __all__ = ["Found", "find", "finer", "look"]
 

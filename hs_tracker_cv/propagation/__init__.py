@@ -1,0 +1,21 @@
+"""The box carried by the dense flow inside it: for parts, stops and moving cameras.
+
+Each frame, in patches resampled round the box so that the object always has the same size in samples:
+
+1. *Find*: a correlation filter on a wide, coarse window says where the object's surroundings are.
+2. *Carry*: the Horn–Schunck flow between the previous and the present fine patch, fitted robustly by a
+   translation and a scale, moves and resizes the box.
+3. *Hold*: the flow from stored keyframes to the present patch takes out the drift of summed increments.
+4. *Judge*: agreement with what was learned decides whether to follow, to learn, to coast or to search.
+5. *Keep*: the flow also says how much of what was in the box is still in it. A target that turns looks like nothing
+   that was learned, but its surface goes on in the box; one that is hidden is replaced by what comes from outside.
+
+All functions are pure: a state goes in, a new one comes out, and no array of the old one is written to.
+"""
+
+from __future__ import annotations
+
+from .state import PropagationParams, PropagationReport, PropagationState
+from .tracking import dismiss, ride, start, step
+
+__all__ = ["PropagationParams", "PropagationReport", "PropagationState", "dismiss", "ride", "start", "step"]
