@@ -40,8 +40,10 @@ class Choice:
     log_unexplained : float
         Running mean of log(unexplained share of the background + 0.01).
     size_difference : float
-        Mean |log ratio| of the widths plus that of the heights of the two boxes, over the first
-        `WITNESS_FRAMES` frames.
+        Mean |log ratio| of the widths plus that of the heights of the two boxes, over those of the first
+        `WITNESS_FRAMES` frames in which the carried box is a witness.
+    witnessed : int
+        How many these were.
     trusted : bool
         True while segmentation is followed.
     since : int
@@ -51,6 +53,7 @@ class Choice:
     frames: int = 0
     log_unexplained: float = 0.0
     size_difference: float = 0.0
+    witnessed: int = 0
     trusted: bool = True
     since: int = 0
 
@@ -69,7 +72,7 @@ class Choice:
         return replace(self, trusted=True, since=before.since + 1)
 
 
-def judge(choice: Choice, unexplained: float, difference: float) -> Choice:
+def judge(choice: Choice, unexplained: float, difference: float | None) -> Choice:
     """Take in the measurements of one frame.
 
     Parameters
@@ -78,8 +81,9 @@ def judge(choice: Choice, unexplained: float, difference: float) -> Choice:
         What was known before.
     unexplained : float
         Share of the known background outside the mask that its memory does not explain in this frame, 0–1.
-    difference : float
-        `size_difference` of the two boxes in this frame; not used after the first `WITNESS_FRAMES`.
+    difference : float or None
+        `size_difference` of the two boxes in this frame; None when the carried box is no witness, not being sure
+        itself. Not used after the first `WITNESS_FRAMES`.
 
     Returns
     -------
@@ -90,12 +94,13 @@ def judge(choice: Choice, unexplained: float, difference: float) -> Choice:
     mean = choice.log_unexplained + max(_RATE, 1.0 / frames) * (
         math.log(unexplained + _FLOOR) - choice.log_unexplained
     )
-    size = choice.size_difference
-    if frames <= WITNESS_FRAMES:
-        size += (difference - size) / frames
-    seen = Choice(frames, mean, size, choice.trusted, choice.since + 1)
+    size, witnessed = choice.size_difference, choice.witnessed
+    if frames <= WITNESS_FRAMES and difference is not None:
+        witnessed += 1
+        size += (difference - size) / witnessed
+    seen = Choice(frames, mean, size, witnessed, choice.trusted, choice.since + 1)
     trusted = seen.trusted if frames < _FIRST_SWITCH else seen.doubt < (_LEAVE if seen.trusted else _RETURN)
-    return seen if trusted == choice.trusted else Choice(frames, mean, size, trusted)
+    return seen if trusted == choice.trusted else replace(seen, trusted=trusted, since=0)
 
 
 def size_difference(a: Box, b: Box) -> float:

@@ -21,6 +21,9 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
     ----------
     mode : {"auto", "layers", "propagation"}
         How the box is found. ``"auto"`` lets the tracker choose from frame to frame; the others fix it.
+    rotation : bool
+        Let the box that is carried by flow turn with the object, and answer with the upright box round the turned
+        one. Segmentation follows rotation in any case.
 
     Raises
     ------
@@ -39,6 +42,7 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
     """
 
     mode: str = "auto"
+    rotation: bool = False
 
     def __setattr__(self, name: str, value: Any) -> None:
         kinds = {field.name: str(field.type) for field in fields(self)}

@@ -20,7 +20,7 @@ from .frames import Frame, InputError, as_frame, as_roi
 from .geometry import Box, iou
 from .layers import LayersReport, LayersState
 from .params import TrackerHS_Params
-from .propagation import PropagationReport, PropagationState
+from .propagation import PropagationParams, PropagationReport, PropagationState
 from .sighting import Scene, Sighting, Target
 
 __all__ = ["TrackerDebug", "TrackerHS", "TrackerHS_create", "TrackerState"]
@@ -32,10 +32,10 @@ SEEN_MARGIN = 16
 """Margin round the box, px, in which a frame must repeat the first one bit by bit to count as the same frame."""
 
 LAYERS = layers.LayersParams()
-PROPAGATION = propagation.PropagationParams()
+PROPAGATION = PropagationParams()
 
 SURE = 0.9
-"""Score of the carried box from which it may take over from a segmentation that is doubted."""
+"""Score from which the carried box may take over from a segmentation that is doubted, and its size is compared."""
 
 ASK_EVERY = 5
 """Frames between two questions to a carried box that rides on a segmentation that is doubted."""
@@ -119,6 +119,7 @@ class _Track:
     propagation: propagation.PropagationState | None
     choice: Choice
     box: Box
+    options: PropagationParams
     first: _Seen | None = None
     score: float = 1.0
     state: TrackerState = "tracking"
@@ -184,11 +185,13 @@ class TrackerHS:
         frame = as_frame(image)
         box = as_roi(boundingBox, frame)
         mode = self._parameters.mode
+        options = replace(PROPAGATION, rotation=True) if self._parameters.rotation else PROPAGATION
         track = _Track(
             layers=None if mode == "propagation" else layers.start(frame, box, LAYERS),
-            propagation=None if mode == "layers" else propagation.start(frame, box, PROPAGATION),
+            propagation=None if mode == "layers" else propagation.start(frame, box, options),
             choice=Choice(trusted=mode != "propagation"),
             box=box,
+            options=options,
             first=_Seen.of(frame, box),
         )
         self._shape = frame.pixels.shape
@@ -307,6 +310,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
         propagation=carried,
         choice=choice,
         box=report.box,
+        options=track.options,
         score=report.score,
         state=_state(report, frame),
         target=_known(track.target, segmented, choice),
@@ -319,7 +323,10 @@ def _choose(
 ) -> tuple[PropagationState, Choice]:
     if segmented is track.layers:  # not watched in this frame
         return carried, replace(choice, since=choice.since + 1)
-    judged = judge(choice, segmented.report.unexplained, size_difference(segmented.report.box, carried.report.box))
+    # A carried box that does not know where the object is does not know its size.
+    witness = carried.report.score > SURE
+    difference = size_difference(segmented.report.box, carried.report.box) if witness else None
+    judged = judge(choice, segmented.report.unexplained, difference)
     if choice.trusted and not judged.trusted and segmented.report.ok:
         return _hand_over(track, carried, judged, frame)
     if judged.trusted and not choice.trusted and not carried.report.ok:
@@ -364,7 +371,7 @@ def _hand_over(
     rode = track.choice.frames >= WITNESS_FRAMES
     if not rode or track.choice.since % ASK_EVERY == 0:
         # One that rode along is asked where it would have gone by itself.
-        successor = propagation.step(track.propagation, frame, PROPAGATION) if rode else carried
+        successor = propagation.step(track.propagation, frame, track.options) if rode else carried
         if successor.report.ok and successor.report.score > SURE:
             return successor, judged
     return carried, judged.keeping(track.choice)
@@ -383,11 +390,11 @@ def _look(
     if segmented is None or carried is None or choice.frames < WITNESS_FRAMES:
         return (
             layers.step(segmented, frame, LAYERS) if segmented else None,
-            propagation.step(carried, frame, PROPAGATION, near=near) if carried else None,
+            propagation.step(carried, frame, track.options, near=near) if carried else None,
             choice,
         )
     if not choice.trusted:
-        carried = propagation.step(carried, frame, PROPAGATION, near=near)
+        carried = propagation.step(carried, frame, track.options, near=near)
         if choice.since % WATCH_EVERY == 0:
             segmented = layers.watch(segmented, frame, carried.report.box, LAYERS)
         return segmented, carried, choice
@@ -406,7 +413,7 @@ def _search(
 
     Where that finds it, segmentation begins anew, and has to earn its trust as after `init`.
     """
-    searching = propagation.step(carried, frame, PROPAGATION, near=seen.box.centre if seen else None)
+    searching = propagation.step(carried, frame, track.options, near=seen.box.centre if seen else None)
     if searching.report.ok and not _believable(searching.report.box, track.scene, seen, frame):
         return segmented, propagation.dismiss(carried, searching), track.choice
     if carried.report.lost and searching.report.ok:

@@ -51,7 +51,7 @@ def follow(tracker: Any, frames: list[NDArray[np.uint8]]) -> list[Any]:
 
 def forget_solvers() -> None:
     """Drop the flow solvers that the modes keep per thread: they outlive the surgery."""
-    for module, name in (("layers.motion", "_LOCAL"), ("propagation", "_local")):
+    for module, name in (("layers.motion", "_LOCAL"), ("propagation.tracking", "_local")):
         getattr(import_module(f"hs_tracker_cv.{module}"), name).__dict__.clear()
 
 

@@ -6,6 +6,8 @@ import copy
 import pickle
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from hs_tracker_cv import TrackerHS_create, TrackerHS_Params
@@ -58,3 +60,31 @@ def test_the_tracker_copies_its_parameters() -> None:
     tracker = TrackerHS_create(parameters)
     parameters.mode = "propagation"
     assert tracker.parameters == TrackerHS_Params(mode="layers")
+
+
+@pytest.mark.parametrize("rotation", [False, True])
+def test_rotation_is_followed_on_request(rotation: bool) -> None:
+    """A square turned by 45 degrees has an upright box √2 as wide: only who asked for rotation gets that."""
+    rng = np.random.default_rng(4)
+    ground, square = (
+        cv2.GaussianBlur(rng.integers(0, 255, (side, side, 3), np.uint8), (0, 0), 2.0) for side in (240, 60)
+    )
+    tracker = TrackerHS_create(TrackerHS_Params(mode="propagation", rotation=rotation))
+    for degrees in range(0, 46):
+        matrix = cv2.getRotationMatrix2D((29.5, 29.5), -degrees, 1.0)
+        matrix[:, 2] += 90.0
+        cover = cv2.warpAffine(np.ones((60, 60), np.float32), matrix, (240, 240))[:, :, None]
+        turned = cv2.warpAffine(square, matrix, (240, 240))
+        frame = np.clip(0.5 * ground * (1 - cover) + (0.5 * turned + 100) * cover, 0, 255).astype(np.uint8)
+        if degrees == 0:
+            tracker.init(frame, (90, 90, 60, 60))
+        else:
+            ok, (_, _, width, height) = tracker.update(frame)
+            assert ok
+    assert (abs(width - 85) < 6 and abs(height - 85) < 6) is rotation
+
+
+def test_rotation_is_a_bool() -> None:
+    """A number is none."""
+    with pytest.raises(TypeError, match="rotation"):
+        TrackerHS_Params(rotation=1)  # type: ignore[arg-type]
