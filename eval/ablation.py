@@ -281,6 +281,11 @@ ABLATIONS: dict[str, Ablation] = {
         "learning after the first frame",
         (Cut("propagation.tracking", "_learn", lambda _: lambda model, *rest: model),),
     ),
+    "no-sighting": Ablation(
+        "sighting",
+        "watching the whole frame after a loss",
+        (Cut("sighting", "describe", lambda _: lambda state, known: None),),
+    ),
     "layers-only": Ablation("choice", "the carried box: segmentation always", mode="layers"),
     "propagation-only": Ablation("choice", "segmentation: the carried box always", mode="propagation"),
 }
