@@ -321,6 +321,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
 def _choose(
     track: _Track, segmented: LayersState, carried: PropagationState, choice: Choice, frame: Frame
 ) -> tuple[PropagationState, Choice]:
+    """Take the measurements of this frame into the choice; where it changes, see to the hand-over."""
     if segmented is track.layers:  # not watched in this frame
         return carried, replace(choice, since=choice.since + 1)
     # A carried box that does not know where the object is does not know its size.
