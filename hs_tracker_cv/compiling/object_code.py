@@ -38,6 +38,7 @@ from numba.core import (
 from numba.core.analysis import compute_cfg_from_blocks
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.ir_utils import build_definitions
+from numba.core.transforms import canonicalize_cfg
 from numba.core.typing.context import Context
 from numba.np import arrayobj
 
@@ -165,7 +166,8 @@ class _SingleAssignment:
 
     def run_pass(self, state: Any) -> bool:
         """Give every assignment a variable of its own."""
-        blocks = state.func_ir.blocks
+        state.func_ir.generator_info = None
+        state.func_ir.blocks = blocks = canonicalize_cfg(state.func_ir.blocks)
         graph = compute_cfg_from_blocks(blocks)
         fronts = ssa._iterated_domfronts(graph)
         handler = ssa._FixSSAVars(ssa._CacheListVars())
@@ -181,6 +183,16 @@ class _SingleAssignment:
             for label, added in joins.items():
                 blocks[label].body = added + blocks[label].body
         state.func_ir._definitions = build_definitions(blocks)
+        return True
+
+
+class _WithoutJoins(typed_passes.PreLowerStripPhis):  # type: ignore[misc]
+    """Numba's removal of the joins of variables, without the lifetimes of variables, which nobody asks for."""
+
+    def run_pass(self, state: Any) -> bool:
+        """Assign what is joined at the ends of the joined blocks."""
+        state.func_ir = self._strip_phi_nodes(state.func_ir)
+        state.func_ir._definitions = build_definitions(state.func_ir.blocks)
         return True
 
 
@@ -202,11 +214,10 @@ class _Passes:
     passes = (
         untyped_passes.TranslateByteCode,
         untyped_passes.FixupArgs,
-        untyped_passes.IRProcessing,
         untyped_passes.GenericRewrites,
         _SingleAssignment,
         typed_passes.NopythonTypeInference,
-        typed_passes.PreLowerStripPhis,
+        _WithoutJoins,
         typed_passes.NativeLowering,
         typed_passes.NoPythonBackend,
     )
