@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
+from llvmlite import ir
 from numba import _dynfunc, types  # type: ignore[attr-defined]
 from numba.core import (
     cgutils,
@@ -186,7 +186,7 @@ class _SingleAssignment:
         return True
 
 
-class _WithoutJoins(typed_passes.PreLowerStripPhis):  # type: ignore[misc]
+class _WithoutJoins(typed_passes.PreLowerStripPhis):
     """Numba's removal of the joins of variables, without the lifetimes of variables, which nobody asks for."""
 
     def run_pass(self, state: Any) -> bool:
