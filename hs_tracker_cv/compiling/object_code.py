@@ -11,17 +11,34 @@ from __future__ import annotations
 import gc
 import operator
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from types import BuiltinFunctionType
-from typing import Any
+from typing import Any, ClassVar
 
+import llvmlite.binding as llvm  # type: ignore[import-untyped]
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
+from llvmlite import ir
 from numba import _dynfunc, types  # type: ignore[attr-defined]
-from numba.core import cgutils, codegen, compiler, cpu, externals, fastmathpass, imputils, registry
+from numba.core import (
+    cgutils,
+    codegen,
+    compiler,
+    cpu,
+    externals,
+    fastmathpass,
+    imputils,
+    registry,
+    ssa,
+    typed_passes,
+    untyped_passes,
+)
+from numba.core.analysis import compute_cfg_from_blocks
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.ir_utils import build_definitions
+from numba.core.transforms import canonicalize_cfg
 from numba.core.typing.context import Context
 from numba.np import arrayobj
 
@@ -74,7 +91,9 @@ class _Library(codegen.AOTCodeLibrary):
         for function in defined:
             if function.name != self.name:
                 function.linkage = "internal"
-        super()._optimize_final_module()
+        # Once: what Numba's first run over a module serves, counting references, kernels do not do.
+        manager, builder = self._codegen._module_pass_manager()
+        manager.run(self._final_module, builder)
 
 
 class _Codegen(codegen.JITCPUCodegen):
@@ -84,6 +103,16 @@ class _Codegen(codegen.JITCPUCodegen):
 
     def _add_module(self, module: Any) -> None:
         pass
+
+    def _customize_tm_options(self, options: Any) -> None:
+        """Use this processor's instructions, but the costs of a plain one.
+
+        By the costs of some processors LLVM unrolls loops until they fill a cache of thousands of instructions, which
+        doubles the time of compiling and makes nothing faster here.
+        """
+        super()._customize_tm_options(options)
+        if llvm.get_process_triple().startswith("x86_64"):
+            options["cpu"] = "x86-64"
 
 
 _ELEMENTS = imputils.Registry("elements of arrays")
@@ -130,6 +159,81 @@ def _write(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         raise NotImplementedError("kernels set one element at a time")
     arrayobj.store_item(context, builder, kind, context.cast(builder, arguments[2], value_kind, kind.dtype), pointer)
     return context.get_dummy_value()
+
+
+class _SingleAssignment:
+    """Numba's static single assignment, in a fraction of the time: only blocks that name a variable are rewritten."""
+
+    def run_pass(self, state: Any) -> bool:
+        """Give every assignment a variable of its own."""
+        state.func_ir.generator_info = None
+        state.func_ir.blocks = blocks = canonicalize_cfg(state.func_ir.blocks)
+        graph = compute_cfg_from_blocks(blocks)
+        fronts = ssa._iterated_domfronts(graph)
+        handler = ssa._FixSSAVars(ssa._CacheListVars())
+        places = _places(blocks)
+        for name in ssa._find_defs_violators(blocks, graph):
+            named = {label: block for label, block in blocks.items() if label in places[name]}
+            named, definitions = ssa._fresh_vars(named, name)
+            work = ssa._make_states(blocks)
+            joins: dict[int, list[Any]] = defaultdict(list)
+            locations = ssa._compute_phi_locations(fronts, definitions)
+            work.update(varname=name, defmap=definitions, phimap=joins, cfg=graph, phi_locations=locations)
+            blocks.update(ssa._run_block_rewrite(named, work, handler))
+            for label, added in joins.items():
+                blocks[label].body = added + blocks[label].body
+        state.func_ir._definitions = build_definitions(blocks)
+        return True
+
+
+class _WithoutJoins(typed_passes.PreLowerStripPhis):
+    """Numba's removal of the joins of variables, without the lifetimes of variables, which nobody asks for."""
+
+    def run_pass(self, state: Any) -> bool:
+        """Assign what is joined at the ends of the joined blocks."""
+        state.func_ir = self._strip_phi_nodes(state.func_ir)
+        state.func_ir._definitions = build_definitions(state.func_ir.blocks)
+        return True
+
+
+def _places(blocks: Any) -> dict[str, set[int]]:
+    """Labels of the blocks that name a variable, by its name."""
+    places: dict[str, set[int]] = defaultdict(set)
+    for label, block in blocks.items():
+        for statement in block.body:
+            for variable in statement.list_vars():
+                places[variable.name].add(label)
+    return places
+
+
+class _Passes:
+    """What of Numba's passes over a function a kernel needs, without the checks between them."""
+
+    pipeline_name = "hs_tracker_cv"
+    exec_times: ClassVar[dict[str, Any]] = {}
+    passes = (
+        untyped_passes.TranslateByteCode,
+        untyped_passes.FixupArgs,
+        untyped_passes.GenericRewrites,
+        _SingleAssignment,
+        typed_passes.NopythonTypeInference,
+        _WithoutJoins,
+        typed_passes.NativeLowering,
+        typed_passes.NoPythonBackend,
+    )
+
+    def run(self, state: Any) -> None:
+        """Compile a function."""
+        for one in self.passes:
+            one().run_pass(state)
+
+
+class _Compiler(compiler.CompilerBase):
+    """Numba's compiler with these passes."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Return the one way to compile."""
+        return [_Passes()]
 
 
 class _Context(cpu.CPUContext):
@@ -313,7 +417,7 @@ def _letters(kind: Any) -> list[str]:
 
 def _part(part: Part) -> Any:
     options = {**_SETTINGS, "nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **part.options}
-    return _Dispatcher(part.py_func, targetoptions=options)
+    return _Dispatcher(part.py_func, targetoptions=options, pipeline_class=_Compiler)
 
 
 @contextmanager
@@ -344,6 +448,7 @@ def object_code(kernel: Kernel, name: str) -> bytes:
             flags=flags,
             locals={},
             library=target.target_context.codegen().create_library(name),
+            pipeline_class=_Compiler,
         )
         library = result.library
         code = bytes(library.emit_native_object())
