@@ -119,8 +119,9 @@ def evidence(
     for ahead in range(h + 2):
         # products of five rows are kept, in turn: row r at r % 5 of each group of five
         if ahead < h:
-            _products(image, background, ahead, rows, ahead % 5, 5 + ahead % 5)
-            _products(image, obj, ahead, rows, 10 + ahead % 5, 15 + ahead % 5)
+            for side in range(2):
+                layer = obj if side else background
+                _products(image, layer, ahead, rows, 10 * side + ahead % 5, 10 * side + 5 + ahead % 5)
         y = ahead - 2
         if y < 0:
             continue
@@ -130,9 +131,9 @@ def evidence(
             i1 = image[y, x, 1]
             i2 = image[y, x, 2]
             rows[26, x] = i0 * i0 + i1 * i1 + i2 * i2
-        _slopes(background, y, rows, 20)
-        if touched:
-            _slopes(obj, y, rows, 21)
+        for side in range(2 if touched else 1):
+            layer = obj if side else background
+            _slopes(layer, y, rows, 20 + side)
         for group in range(4 if touched else 2):
             _add_five(rows, 5 * group, y, h, w, 22 + group)
         slot = y % 5
