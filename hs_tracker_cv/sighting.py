@@ -131,11 +131,10 @@ def remember(frame: Frame, target: Target) -> Scene | None:
 
 def look(scene: Scene, frame: Frame) -> Sighting | None:
     """Look for the object in a frame; None when nothing like it is seen."""
-    samples = _samples(frame, scene.step)
-    changed = _changed(scene, samples)
-    if np.count_nonzero(changed) > _RESTLESS * changed.size:
+    news = _news(scene, frame)
+    if news is None:
         return None
-    bins = _bins(samples)
+    changed, bins = news
     alike = changed & scene.telling[bins]
     step = scene.step
     across, down = (max(1, round(side / step)) for side in scene.target.extent[:2])
@@ -162,10 +161,10 @@ def foreign(scene: Scene, frame: Frame, box: Box) -> bool:
 
     It is not when what is new in the box has the object's colours, or when all that is in it has, new or not.
     """
-    samples = _samples(frame, scene.step)
-    changed, telling = _changed(scene, samples), scene.telling[_bins(samples)]
-    if np.count_nonzero(changed) > _RESTLESS * changed.size:
+    news = _news(scene, frame)
+    if news is None:
         return False
+    changed, telling = news[0], scene.telling[news[1]]
     inside = box.clip(frame.width, frame.height)
     x0, y0, x1, y1 = (round(edge / scene.step) for edge in (inside.x, inside.y, inside.right, inside.bottom))
     changed, telling = changed[y0:y1, x0:x1], telling[y0:y1, x0:x1]
@@ -176,16 +175,19 @@ def foreign(scene: Scene, frame: Frame, box: Box) -> bool:
     return int(np.count_nonzero(telling)) < _PRESENT * whole
 
 
-def _changed(scene: Scene, samples: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _news(scene: Scene, frame: Frame) -> tuple[NDArray[np.uint8], NDArray[np.int32]] | None:
+    """Which samples have changed, and the bin of each; None when so many have that it is the camera."""
+    samples = _samples(frame, scene.step)
     threshold = max(_CHANGED * scene.target.noise, _LEAST_CHANGE)
     different: NDArray[np.bool_] = np.abs(samples - scene.samples).max(axis=2) > threshold
-    return different.view(np.uint8)
+    if np.count_nonzero(different) > _RESTLESS * different.size:
+        return None
+    return different.view(np.uint8), _bins(samples)
 
 
 def _histogram(bins: NDArray[np.int32]) -> NDArray[np.float32]:
     counts = np.bincount(bins.ravel(), minlength=colour.BINS).astype(np.float32)
-    nothing = np.zeros((2, colour.BINS), np.float32)
-    return np.ascontiguousarray(colour.blend(nothing, np.stack((counts, counts)), 1.0)[0])
+    return np.ascontiguousarray(colour.histograms(np.stack((counts, counts)))[0])
 
 
 def _least_of(histogram: NDArray[np.float32], share: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BINS", "blend", "likelihood"]
+__all__ = ["BINS", "blend", "histograms", "likelihood"]
 
 BINS = 512
 """8 × 8 × 8 bins of BGR."""
@@ -22,6 +22,11 @@ def blend(colours: NDArray[np.float32], tally: NDArray[np.float32], rate: float)
     totals = smooth.sum(axis=1, keepdims=True)
     shares = np.float32(rate) * (totals > 0)
     return np.asarray(colours + shares * (smooth / np.maximum(totals, 1) - colours), dtype=np.float32)
+
+
+def histograms(tally: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Histograms (object, background) of counts alone, smoothed."""
+    return blend(np.zeros_like(tally), tally, 1.0)
 
 
 def likelihood(colours: NDArray[np.float32], weight: float) -> tuple[NDArray[np.float32], float]:

@@ -66,7 +66,7 @@ def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int
     none = np.zeros(colour.BINS, np.float32)
     label(image, blank, blank.copy(), np.zeros((h, w), np.uint8), none, 0.0, bins, blank.copy())
     tally = [np.bincount(bins[where], minlength=colour.BINS) for where in (ellipse <= 0.9, square > 1.0)]
-    colours = colour.blend(np.zeros((2, colour.BINS), np.float32), np.array(tally, np.float32), 1.0)
+    colours = colour.histograms(np.array(tally, np.float32))
     return Seed(odds, (odds > 0).astype(np.float32), Atlas(image, counts), colours, bins)
 
 
