@@ -47,7 +47,7 @@ UNDERSTOOD = 0.06
 """Share of the background not explained below which what is new in the scene may be searched for the object."""
 
 SIGHTED = 0.45
-"""Score while a part of the object is sighted: so often its box overlapped the true one by half (develop)."""
+"""Score while a part of the object is sighted: so often its box overlapped the truth by half (vanish suites)."""
 
 WHOLE = 0.8
 """Share of the object sighted from which segmentation begins anew there."""
