@@ -7,9 +7,29 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiling import larger, smaller
-from .common import Integers, Mask, Plane, Row, fast_kernel
+from .common import Integers, Mask, Plane, Row, fast_kernel, fast_part
 
 f32 = np.float32
+
+
+@fast_part
+def widen(mask, reach, held, out):
+    """Write 1 where a pixel of the mask lies within `reach` px, in rows and in columns. `held` is a workspace."""
+    h, w = mask.shape
+    for y in range(h):
+        for x in range(w):
+            held[y, x] = mask[y, x]
+        for row in range(larger(y - reach, 0), smaller(y + reach + 1, h)):
+            for x in range(w):
+                held[y, x] |= mask[row, x]
+    for y in range(h):
+        for x in range(w):
+            out[y, x] = held[y, x]
+        for d in range(1, reach + 1):
+            for x in range(w - d):
+                out[y, x] |= held[y, x + d]
+            for x in range(d, w):
+                out[y, x] |= held[y, x - d]
 
 
 @fast_kernel
