@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from . import background as ground
 from . import colour, motion
 from . import mask as masks
-from .kernels import KNOWN, label, learn
+from .kernels import KNOWN, bin_colours, learn
 from .labelling import Expected, Labels
 from .state import Atlas, Image, LayersState, Plane
 from .window import Picture, View, shifted, shifted_mask, transformed, translated
@@ -62,9 +62,7 @@ def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int
     counts = np.zeros((3, h, w), np.float32)
     counts[0] = np.where(square > 1.0, KNOWN, np.float32(0.0))
     bins = np.empty((h, w), np.int16)
-    blank = np.zeros((h, w), np.float32)
-    none = np.zeros(colour.BINS, np.float32)
-    label(image, blank, blank.copy(), np.zeros((h, w), np.uint8), none, 0.0, bins, blank.copy())
+    bin_colours(image, bins)
     tally = [np.bincount(bins[where], minlength=colour.BINS) for where in (ellipse <= 0.9, square > 1.0)]
     colours = colour.histograms(np.array(tally, np.float32))
     return Seed(odds, (odds > 0).astype(np.float32), Atlas(image, counts), colours, bins)

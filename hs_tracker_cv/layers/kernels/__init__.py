@@ -8,21 +8,21 @@ and `grid` is (cx, cy, scale).
 
 from __future__ import annotations
 
+from .colour import bin_colours
 from .common import FAR_OFF, KNOWN
-from .labelling import alpha_edge, evidence, label
+from .evidence import evidence
+from .labelling import label
 from .memory import learn
 from .registration import collect, fit_affine, gauss_newton, median_flow, search_shift, start_flow
-from .shapes import extremes, overlap, spread
 from .windows import carry, fill_new, open_ground, outline, resample, shift, smooth
 
 __all__ = [
     "FAR_OFF",
     "KNOWN",
-    "alpha_edge",
+    "bin_colours",
     "carry",
     "collect",
     "evidence",
-    "extremes",
     "fill_new",
     "fit_affine",
     "gauss_newton",
@@ -31,11 +31,9 @@ __all__ = [
     "median_flow",
     "open_ground",
     "outline",
-    "overlap",
     "resample",
     "search_shift",
     "shift",
     "smooth",
-    "spread",
     "start_flow",
 ]
