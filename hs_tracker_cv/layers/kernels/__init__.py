@@ -11,9 +11,10 @@ from __future__ import annotations
 from .common import FAR_OFF, KNOWN
 from .labelling import alpha_edge, evidence, label
 from .memory import learn
-from .registration import collect, fit_affine, gauss_newton, median_flow, search_shift, start_flow
+from .motion import foresee, measure, search_shift, start_flow
+from .registration import collect, gauss_newton, residual
 from .shapes import extremes, overlap, spread
-from .windows import carry, fill_new, open_ground, outline, resample, shift, smooth
+from .windows import carry, fill_new, resample, shift, smooth
 
 __all__ = [
     "FAR_OFF",
@@ -24,15 +25,14 @@ __all__ = [
     "evidence",
     "extremes",
     "fill_new",
-    "fit_affine",
+    "foresee",
     "gauss_newton",
     "label",
     "learn",
-    "median_flow",
-    "open_ground",
-    "outline",
+    "measure",
     "overlap",
     "resample",
+    "residual",
     "search_shift",
     "shift",
     "smooth",

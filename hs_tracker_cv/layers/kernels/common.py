@@ -14,6 +14,7 @@ from ...compiling import kernel, part
 Image = Annotated[NDArray[np.float32], 3]
 Plane = Annotated[NDArray[np.float32], 2]
 Mask = Annotated[NDArray[np.uint8], 2]
+Masks = Annotated[NDArray[np.uint8], 3]
 Bins = Annotated[NDArray[np.int16], 2]
 Row = Annotated[NDArray[np.float32], 1]
 Numbers = Annotated[NDArray[np.float64], 1]

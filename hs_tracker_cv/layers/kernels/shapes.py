@@ -7,13 +7,13 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiling import larger, smaller
-from .common import Integers, Mask, Plane, Row, fast_kernel, fast_part
+from .common import Integers, Mask, Plane, Row, fast_kernel
 
 f32 = np.float32
 
 
-@fast_part
-def widen(mask, reach, held, out):
+@fast_kernel
+def widen(mask: Mask, reach: int, held: Mask, out: Mask) -> None:
     """Write 1 where a pixel of the mask lies within `reach` px, in rows and in columns. `held` is a workspace."""
     h, w = mask.shape
     for y in range(h):
