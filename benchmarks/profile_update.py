@@ -40,9 +40,8 @@ class Stage(NamedTuple):
 LAYERS = (
     Stage("window", "layers.tracking", "look"),
     Stage("motion", "layers.motion", "find"),
-    Stage("prediction", "layers.motion", "_predict", 1),
+    Stage("prediction", "layers.motion", "_foresee", 1),
     Stage("Horn–Schunck flow", "layers.motion", "_dense_flow", 1),
-    Stage("camera", "layers.motion", "_ground", 1),
     Stage("fit and registration", "layers.motion", "_measure", 1),
     Stage("layers moved", "layers.labelling", "expect"),
     Stage("evidence", "layers.labelling", "weigh"),

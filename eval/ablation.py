@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -132,11 +131,6 @@ def _with_fields(**values: Any) -> Callable[[Any], Any]:
     return lambda params: replace(params, **values)
 
 
-def _unregistered(refine: Any) -> Any:
-    """Registration that takes no step: it only measures the residual."""
-    return partial(refine, steps=0)
-
-
 def _without_memory(weigh: Any) -> Any:
     """Background known from the last frame only: no pixel of its memory counts as seen."""
 
@@ -227,7 +221,7 @@ ABLATIONS: dict[str, Ablation] = {
     "no-registration": Ablation(
         "layers",
         "registration with the object layer (Gauss–Newton)",
-        (Cut("layers.motion", "refine", _unregistered),),
+        (Cut("layers.motion", "_STEPS", lambda _: 0),),
     ),
     "no-search": Ablation(
         "layers",
@@ -237,7 +231,7 @@ ABLATIONS: dict[str, Ablation] = {
     "no-camera": Ablation(
         "layers",
         "registration of the camera to the background memory",
-        (Cut("layers.background", "refine", _unregistered),),
+        (Cut("layers.motion", "_CAMERA_STEPS", lambda _: 0),),
     ),
     "no-memory": Ablation("layers", "background memory", (Cut("layers.labelling", "weigh", _without_memory),)),
     "no-gain": Ablation(

@@ -48,6 +48,26 @@ def both(flag: bool, count: int, scale: np.float32, a: Plane) -> tuple[float, in
 @kernel()
 def allocates(n: int) -> float:
     return np.ones(n).sum()
+
+@part()
+def scaled(a, out, factor):
+    return factor * out[norms(a, 0.5, out)]
+
+@kernel()
+def longest(a: Plane, out: Numbers, factor: int) -> float:
+    return scaled(a, out, factor)
+
+@kernel()
+def leans(n: int) -> float:
+    return allocates(n) + 1.0
+"""
+
+LINKED = """
+import numpy as np, sys, small
+a, out = np.float32([[3, 4], [6, 8], [0, 0]]), np.zeros(3)
+assert small.longest(a, out, 2) == 20.0
+assert out.tolist() == [5, 10, 0.5], out
+print('numba' in sys.modules)
 """
 
 USE = """
@@ -153,6 +173,25 @@ def test_without_numbas_inner_parts(place):
     _, environment = place
     code = "import sys; sys.modules['hs_tracker_cv.compiling.object_code'] = None\n" + USE
     assert run(environment, code + "assert type(small.norms._run).__name__ == 'CPUDispatcher'")
+
+
+def test_a_kernel_calls_another(place):
+    """Each is compiled once and kept in a file of its own; a later process links them without Numba."""
+    tmp_path, environment = place
+    assert run(environment, LINKED)
+    names = sorted(file.name.split("-")[0] for file in (tmp_path / "cache").iterdir())
+    assert names == ["small.longest", "small.norms"]
+    assert not run(environment, LINKED)
+    (tmp_path / "small.py").write_text(MODULE.replace("larger(held[0], least)", "larger(held[0], 12.0 * least)"))
+    assert run(environment, LINKED.replace("[5, 10, 0.5]", "[6, 10, 6]"))
+
+
+def test_a_kernel_calls_another_in_numbas_way(place):
+    """Where Numba's inner names have changed, and where the called one needs more than bare code."""
+    _, environment = place
+    code = "import sys; sys.modules['hs_tracker_cv.compiling.object_code'] = None\n" + LINKED
+    assert run(environment, code + "assert type(small.longest._run).__name__ == 'CPUDispatcher'")
+    assert run(environment, "import sys, small; assert small.leans(3) == 4.0; print('numba' in sys.modules)")
 
 
 def test_inside_an_archive(place):

@@ -24,6 +24,9 @@ class Tripwire:
     def __call__(self, *arguments: Any, **options: Any) -> Any:  # noqa: D102
         raise AssertionError("reached")
 
+    def __index__(self) -> int:
+        raise AssertionError("reached")
+
     def __getattr__(self, name: str) -> Any:
         raise AssertionError("reached")
 

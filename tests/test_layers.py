@@ -17,7 +17,6 @@ from hs_tracker_cv import layers
 from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
 from hs_tracker_cv.layers import kernels
-from hs_tracker_cv.layers.registration import list_points, misfit, refine
 from hs_tracker_cv.layers.window import grab, shifted, transformed, translated
 
 PARAMS = layers.LayersParams()
@@ -484,23 +483,27 @@ def test_registration_finds_a_motion_and_a_gain(motion: tuple[float, float], gai
     reference, image = wave(60, 70), gain * wave(60, 70, *motion)
     weight = np.zeros((60, 70), np.float32)
     weight[12:48, 14:56] = 1.0
-    inside = np.array((0, 0, 70, 60))
-    points = list_points(reference, weight, np.array((35.0, 30.0, 20.0)), float(weight.sum()), 500)
-    start = np.zeros(8)
-    fit = refine(points, np.asarray(image, np.float32), start, np.full(8, 1e-6), 20.0, 40.0, inside, steps=8)
-    assert fit.theta[[0, 3]] == pytest.approx(motion, abs=0.01)
-    assert fit.theta[6] == pytest.approx(100 * (gain - 1), abs=1.0)
-    assert fit.before == pytest.approx(misfit(points, np.asarray(image, np.float32), start, 40.0, inside))
-    assert fit.after < 0.5
-    assert not start.any()
+    grid, inside, points = np.array((35.0, 30.0, 20.0)), np.array((0, 0, 70, 60)), np.empty((14, 2000), np.float32)
+    count = kernels.collect(reference, weight, grid, 3, points)
+    assert count == weight.sum() / 3
+    theta, costs, pixels = np.zeros(8), np.empty(2), np.asarray(image, np.float32)
+    kernels.gauss_newton(pixels, points, count, theta, np.full(8, 1e-6), 20.0, 40.0, inside, costs, 8)
+    assert theta[[0, 3]] == pytest.approx(motion, abs=0.01)
+    assert theta[6] == pytest.approx(100 * (gain - 1), abs=1.0)
+    assert costs[0] == pytest.approx(kernels.residual(pixels, points, count, np.zeros(8), 40.0, inside))
+    assert costs[1] < 0.5
+    unmoved = np.zeros(8)
+    kernels.gauss_newton(pixels, points, count, unmoved, np.full(8, 1e-6), 20.0, 40.0, inside, costs, 0)
+    assert not unmoved.any()
+    assert costs[0] == costs[1]
 
 
 def test_registration_says_when_the_layer_is_out_of_the_frame() -> None:
     """A motion that takes three quarters of the layer out of the frame costs more than any other."""
-    image = wave(40, 40)
-    points = list_points(image, np.ones((40, 40), np.float32), np.array((20.0, 20.0, 20.0)), 1600.0, 1200)
+    image, points, inside = wave(40, 40), np.empty((14, 2000), np.float32), np.array((0, 0, 40, 40))
+    count = kernels.collect(image, np.ones((40, 40), np.float32), np.array((20.0, 20.0, 20.0)), 1, points)
     theta = np.array((35.0, 0, 0, 0, 0, 0, 0, 0))
-    assert misfit(points, image, theta, 40.0, np.array((0, 0, 40, 40))) == 1e9
+    assert kernels.residual(image, points, count, theta, 40.0, inside) == 1e9
 
 
 @pytest.mark.parametrize("channels", [1, 3])

@@ -25,7 +25,8 @@ class Kernel:
     """A compiled function. Every parameter is annotated with its one type; `py_func` is the Python function.
 
     A number's type is ``float``, ``int``, ``bool`` or one of NumPy's; an array's ``Annotated[NDArray[...], ndim]``,
-    C-contiguous. Arguments of another type are refused with an exception; no value is ever checked.
+    C-contiguous. Arguments of another type are refused with an exception; no value is ever checked. A kernel may
+    call another: each is compiled once, and linked when it is loaded; its annotation then has to say what it returns.
     """
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
@@ -39,14 +40,21 @@ class Kernel:
         """Run the machine code; the interpreter is free for other threads meanwhile."""
         return self._run(*arguments)
 
+    @property
+    def name(self) -> str:
+        """Name of the machine code."""
+        return f"{self.py_func.__module__}.{self.py_func.__name__}"
+
+    def called(self) -> list[Kernel]:
+        """Return the kernels that this one calls, itself or by its parts."""
+        found: dict[str, Kernel] = {}
+        _add_called(self.py_func, found, set())
+        return list(found.values())
+
     def _modules(self) -> list[str]:
         """Names of the modules of which the machine code is made."""
-        names = {self.py_func.__module__}
-        for value in self.py_func.__globals__.values():
-            if isinstance(value, Part):
-                names.add(value.py_func.__module__)
-            elif isinstance(value, Intrinsic):
-                names.add(value.module)
+        names: set[str] = set()
+        _add_modules(self.py_func, names)
         return sorted(names)
 
     def prepare(self) -> None:
@@ -86,6 +94,29 @@ class Intrinsic:
     def __call__(self, *arguments: Any) -> Any:
         """Refuse: it is not a function."""
         raise TypeError("an instruction for kernels can only be called by a kernel")
+
+
+def _add_modules(function: Callable[..., Any], names: set[str]) -> None:
+    """Add to `names` the modules that a function and what it may call are written in."""
+    if function.__module__ in names:
+        return
+    names.add(function.__module__)
+    for value in function.__globals__.values():
+        if isinstance(value, Part | Kernel):
+            _add_modules(value.py_func, names)
+        elif isinstance(value, Intrinsic):
+            names.add(value.module)
+
+
+def _add_called(function: Callable[..., Any], found: dict[str, Kernel], seen: set[Any]) -> None:
+    """Add the kernels that a function calls to those `found`, looking into every part once."""
+    for name in function.__code__.co_names:
+        value = function.__globals__.get(name)
+        if isinstance(value, Kernel):
+            found[value.name] = value
+        elif isinstance(value, Part) and value not in seen:
+            seen.add(value)
+            _add_called(value.py_func, found, seen)
 
 
 def kernel(**options: Any) -> Callable[[Callable[..., Any]], Kernel]:
@@ -159,21 +190,30 @@ def _machine_code(kernel: Kernel) -> Callable[..., Any]:
     """Machine code of a kernel as a Python function."""
     from . import loading
 
-    name = f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
-    place = cache.Entry(kernel.py_func, kernel.sources)
-    code = place.read()
-    if code is None:
-        from . import numba_function
+    called = kernel.called()
+    for other in called:
+        other.prepare()
+    if all(loading.loaded(other.name) for other in called):
+        place = cache.Entry(kernel.py_func, kernel.sources)
+        code = place.read() or _compiled(kernel, place)
+        if code is not None:
+            return loading.function(code, kernel.name)
+    from .numba_function import dispatcher
 
-        try:
-            from .object_code import object_code
+    function: Callable[..., Any] = dispatcher(kernel)
+    return function
 
-            code = object_code(kernel, name)
-        except Exception:  # a Numba whose inner names have changed, or a kernel that needs more than bare code
-            function: Callable[..., Any] = numba_function.dispatcher(kernel)
-            return function
-        place.write(code)
-    return loading.function(code, name)
+
+def _compiled(kernel: Kernel, place: cache.Entry) -> bytes | None:
+    """Compile a kernel and keep its machine code; None if Numba has to run it in its own way."""
+    try:
+        from .object_code import object_code
+
+        code = object_code(kernel)
+    except Exception:  # a Numba whose inner names have changed, or a kernel that needs more than bare code
+        return None
+    place.write(code)
+    return code
 
 
 def _select(comparison: str) -> Intrinsic:

@@ -10,7 +10,7 @@ from typing import Any
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
-__all__ = ["C_FUNCTIONS", "function"]
+__all__ = ["C_FUNCTIONS", "function", "loaded", "native"]
 
 C_FUNCTIONS = (
     "PyBuffer_Release",
@@ -26,6 +26,7 @@ C_FUNCTIONS = (
 )
 """Functions of Python's stable C interface, all that machine code here may refer to."""
 
+_LOADED: set[str] = set()
 _FASTCALL = 0x80  # METH_FASTCALL
 
 
@@ -53,11 +54,26 @@ def _engine() -> Any:
     return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
 
 
+def native(name: str) -> str:
+    """Name of the function by which other kernels call the kernel of that name."""
+    return f"{name}.native"
+
+
+def loaded(name: str) -> bool:
+    """Tell whether the kernel of that name is there for others to be linked to."""
+    return name in _LOADED
+
+
 def function(code: bytes, name: str) -> Callable[..., Any]:
-    """Load an object file and return its function `name`, a ``METH_FASTCALL`` function of Python's C interface."""
+    """Load an object file and return its function `name`, a ``METH_FASTCALL`` function of Python's C interface.
+
+    The kernels that it calls must have been loaded before: LLVM ends the process for a name that it does not find.
+    """
     engine = _engine()
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
+    llvm.add_symbol(native(name), engine.get_function_address(native(name)))
+    _LOADED.add(name)
     method = _Method(name.encode(), engine.get_function_address(name), _FASTCALL, None)
     prototype = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
     make = prototype(("PyCFunction_NewEx", ctypes.pythonapi))

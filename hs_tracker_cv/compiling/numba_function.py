@@ -15,7 +15,10 @@ from numba.extending import intrinsic
 
 from . import Intrinsic, Kernel, Part
 
-__all__ = ["SETTINGS", "dispatcher", "function_for", "signature"]
+__all__ = ["SETTINGS", "dispatcher", "function_for", "returned", "signature"]
+
+Compiled = Callable[[Part | Kernel, FunctionType], Any]
+"""What stands for a part or a kernel in code that is compiled, given its function as that code may see it."""
 
 SETTINGS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 # NumPy's error model: a test for zero at every division would double the time to compile.
@@ -26,6 +29,14 @@ def signature(kernel: Kernel) -> tuple[Any, ...]:
     hints = get_type_hints(kernel.py_func, include_extras=True)
     code = kernel.py_func.__code__
     return tuple(_type(hints[name]) for name in code.co_varnames[: code.co_argcount])
+
+
+def returned(kernel: Kernel) -> Any:
+    """Type of what a kernel returns, from its annotation."""
+    hint = get_type_hints(kernel.py_func)["return"]
+    if hint is type(None):
+        return types.none
+    return types.Tuple([_type(one) for one in get_args(hint)]) if get_origin(hint) is tuple else _type(hint)
 
 
 def _type(hint: Any) -> Any:
@@ -43,19 +54,21 @@ def _elements(hint: Any) -> list[type[np.generic]]:
     return [element for argument in get_args(hint) for element in _elements(argument)]
 
 
-def function_for(kernel: Kernel, compiled: Callable[[Part], Any]) -> FunctionType:
+def function_for(kernel: Kernel, compiled: Compiled) -> FunctionType:
     """Kernel's function in a copy of its module in which all stand-ins are what they stand for."""
     return _moved(kernel.py_func, _names(kernel.py_func.__module__, compiled))
 
 
 @cache
-def _names(module: str, compiled: Callable[[Part], Any]) -> dict[str, Any]:
+def _names(module: str, compiled: Compiled) -> dict[str, Any]:
     names = dict(vars(sys.modules[module]))
     for name, value in tuple(names.items()):
         if isinstance(value, Intrinsic):
             names[name] = _instruction(value)
-        elif isinstance(value, Part):
-            names[name] = compiled(Part(_moved(value.py_func, names), value.options))
+        elif isinstance(value, Part | Kernel) and value.py_func.__module__ != module:
+            names[name] = _names(value.py_func.__module__, compiled)[value.py_func.__name__]
+        elif isinstance(value, Part | Kernel):
+            names[name] = compiled(value, _moved(value.py_func, names))
     return names
 
 
@@ -71,8 +84,9 @@ def _moved(function: Callable[..., Any], names: dict[str, Any]) -> FunctionType:
 def dispatcher(kernel: Kernel) -> Any:
     """Compile a kernel in Numba's own way: it takes longer to load, and does the same."""
     decorate = njit([signature(kernel)], **{**SETTINGS, **kernel.options})
-    return decorate(function_for(kernel, _numba_part))
+    return decorate(function_for(kernel, _numba))
 
 
-def _numba_part(part: Part) -> Any:
-    return njit(**{**SETTINGS, **part.options})(part.py_func)
+def _numba(value: Part | Kernel, function: FunctionType) -> Any:
+    # A kernel by no signature: it is compiled anew where another one calls it.
+    return njit(**{**SETTINGS, **value.options})(function)

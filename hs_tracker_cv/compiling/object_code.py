@@ -15,7 +15,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from types import BuiltinFunctionType
+from types import BuiltinFunctionType, FunctionType
 from typing import Any, ClassVar
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
@@ -43,8 +43,8 @@ from numba.core.typing.context import Context
 from numba.np import arrayobj
 
 from . import Kernel, Part
-from .loading import C_FUNCTIONS
-from .numba_function import SETTINGS, function_for, signature
+from .loading import C_FUNCTIONS, native
+from .numba_function import SETTINGS, function_for, returned, signature
 
 __all__ = ["object_code"]
 
@@ -89,7 +89,7 @@ class _Library(codegen.AOTCodeLibrary):
         if self.name not in [function.name for function in defined]:
             return
         for function in defined:
-            if function.name != self.name:
+            if function.name not in (self.name, native(self.name)):
                 function.linkage = "internal"
         # Once: what Numba's first run over a module serves, counting references, kernels do not do.
         manager, builder = self._codegen._module_pass_manager()
@@ -249,6 +249,16 @@ class _Context(cpu.CPUContext):
         self._internal_codegen = _Codegen("hs_tracker_cv")
         externals.c_math_functions.install(self)
 
+    def get_external_function_type(self, fndesc: Any) -> Any:
+        """Type of a kernel's function for other kernels: values as they are, arrays too."""
+        return ir.FunctionType(
+            self.get_value_type(fndesc.restype), [self.get_value_type(one) for one in fndesc.argtypes]
+        )
+
+    def call_external_function(self, builder: Any, callee: Any, argtys: Any, args: Any) -> Any:
+        """Call another kernel."""
+        return builder.call(callee, args)
+
     def post_lowering(self, mod: Any, library: Any) -> None:
         if self.fastmath:
             fastmathpass.rewrite_module(mod, self.fastmath)
@@ -319,6 +329,14 @@ class _Entry:
         self.builder.position_at_end(self.failed)
         self._release()
         self.builder.ret(_POINTER(None))
+        self._define_native(fndesc, native(name))
+
+    def _define_native(self, fndesc: Any, name: str) -> None:
+        """Define the function that other kernels call."""
+        function_type = self.context.get_external_function_type(fndesc)
+        function = ir.Function(self.module, function_type, name)
+        builder = ir.IRBuilder(function.append_basic_block())
+        builder.ret(self._call_compiled(builder, fndesc, list(function.args))[1])
 
     def _call(self, name: str, *arguments: Any) -> Any:
         return self.builder.call(cgutils.get_or_insert_function(self.module, _C_FUNCTIONS[name], name), arguments)
@@ -382,16 +400,20 @@ class _Entry:
 
     def _run(self, fndesc: Any, values: list[Any]) -> Any:
         """Call the function, without the interpreter's lock."""
-        convention = self.context.call_conv
-        function_type = convention.get_function_type(fndesc.restype, fndesc.argtypes)
-        function = ir.Function(self.module, function_type, fndesc.llvm_func_name)
         thread = self._call("PyEval_SaveThread")
-        status, result = convention.call_function(
-            self.builder, function, fndesc.restype, fndesc.argtypes, values, attrs=("noinline",)
-        )
+        status, result = self._call_compiled(self.builder, fndesc, values)
         self._call("PyEval_RestoreThread", thread)
         self._unless("==", status.is_error, ir.IntType(1)(0), self.wrong)
         return result
+
+    def _call_compiled(self, builder: Any, fndesc: Any, values: list[Any]) -> Any:
+        """Status and result of the compiled function."""
+        convention = self.context.call_conv
+        function_type = convention.get_function_type(fndesc.restype, fndesc.argtypes)
+        function = cgutils.get_or_insert_function(self.module, function_type, fndesc.llvm_func_name)
+        return convention.call_function(
+            builder, function, fndesc.restype, fndesc.argtypes, values, attrs=("noinline",)
+        )
 
     def _boxed(self, kind: Any, value: Any) -> Any:
         """Return a new Python object: a float, an integer, a tuple of such, or None."""
@@ -415,9 +437,12 @@ def _letters(kind: Any) -> list[str]:
     return [letter for letter in "?bBhHiIlLqQfd" if np.dtype(letter) == kind]
 
 
-def _part(part: Part) -> Any:
-    options = {**_SETTINGS, "nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **part.options}
-    return _Dispatcher(part.py_func, targetoptions=options, pipeline_class=_Compiler)
+def _compiled(value: Part | Kernel, function: FunctionType) -> Any:
+    """Return a part as a function compiled into its callers; another kernel as one that is linked to them."""
+    if isinstance(value, Kernel):
+        return types.ExternalFunction(native(value.name), returned(value)(*signature(value)))
+    options = {**_SETTINGS, "nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **value.options}
+    return _Dispatcher(function, targetoptions=options, pipeline_class=_Compiler)
 
 
 @contextmanager
@@ -432,8 +457,9 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def object_code(kernel: Kernel, name: str) -> bytes:
-    """Compile a kernel to an object file with the function `name`."""
+def object_code(kernel: Kernel) -> bytes:
+    """Compile a kernel to an object file with the functions of its name, for Python and for other kernels."""
+    name = kernel.name
     target = _Dispatcher.targetdescr
     flags = compiler.Flags()
     options = {**_SETTINGS, "nopython": True, "no_cfunc_wrapper": True, **kernel.options}
@@ -442,7 +468,7 @@ def object_code(kernel: Kernel, name: str) -> bytes:
         result = compiler.compile_extra(
             target.typing_context,
             target.target_context,
-            function_for(kernel, _part),
+            function_for(kernel, _compiled),
             args=signature(kernel),
             return_type=None,
             flags=flags,
@@ -450,17 +476,19 @@ def object_code(kernel: Kernel, name: str) -> bytes:
             library=target.target_context.codegen().create_library(name),
             pipeline_class=_Compiler,
         )
+        if result.signature.return_type != returned(kernel):
+            raise TypeError(f"{name} returns {result.signature.return_type}, not {returned(kernel)}")
         library = result.library
         code = bytes(library.emit_native_object())
-        _check(name, library.get_llvm_str())
+        _check(name, library.get_llvm_str(), {native(other.name) for other in kernel.called()})
         return code
 
 
-def _check(name: str, text: str) -> None:
+def _check(name: str, text: str, linked: set[str]) -> None:
     """Raise where optimised code could not run in another process."""
     if "numba.dynamic.globals" in text:
         raise ValueError(f"{name} holds the address of an object of this process")
-    foreign = {called for called in _called(text) if not called.startswith("llvm.")} - _ALLOWED
+    foreign = {called for called in _called(text) if not called.startswith("llvm.")} - _ALLOWED - linked
     if foreign:  # LLVM's loader would end the process for them
         raise ValueError(f"{name} calls {', '.join(sorted(foreign))}")
 

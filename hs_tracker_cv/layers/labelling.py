@@ -214,7 +214,10 @@ def assign(
     box = None
     if ends[1] >= 0:
         box = Box.from_edges(
-            _crossing(columns, ends[0], -1), _crossing(rows, ends[2], -1), _crossing(columns, ends[1], 1), _crossing(rows, ends[3], 1)
+            _crossing(columns, ends[0], -1),
+            _crossing(rows, ends[2], -1),
+            _crossing(columns, ends[1], 1),
+            _crossing(rows, ends[3], 1),
         )
     sight = Sight(area, both, visible, box)
     return Labels(mask, odds, raw, seen.errors, foreign if others else None, bins), sight

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import background as ground
-from .kernels import FAR_OFF, fit_affine, outline, start_flow
-from .mask import dilate
-from .registration import Points, list_points, misfit, refine
+from .kernels import FAR_OFF, foresee, measure, residual, start_flow
 from .state import Atlas, Image, LayersParams, LayersState, Plane
 from .window import View
 
@@ -21,9 +19,10 @@ __all__ = ["Grid", "Moves", "displace", "find", "follow", "inverse_matrix", "whe
 
 _LOCAL = threading.local()
 _NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
-_CONTINUE = 1.03  # the motion found from the predicted one wins where it explains the frame about as well
-_EVENLY, _BY_ODDS, _AS_VISIBLE = range(3)  # what the pixels of the object weigh, for `kernels.outline`
-_FIT_PIXELS = 1200  # enough for eight parameters; more only cost time
+_EVENLY, _BY_ODDS, _AS_VISIBLE = range(3)  # what the pixels of the object weigh, for `kernels.foresee`
+_POINTS = 2400  # room for those that motion is measured by
+_STEPS = 3  # most of Gauss–Newton, of object and camera
+_CAMERA_STEPS = 3
 
 
 class Grid(NamedTuple):
@@ -33,11 +32,6 @@ class Grid(NamedTuple):
     cy: float
     scale: float
     area: float
-
-    @property
-    def triple(self) -> NDArray[np.float64]:
-        """(cx, cy, scale) as the kernels want it."""
-        return np.array((self.cx, self.cy, self.scale))
 
 
 class Moves(NamedTuple):
@@ -70,33 +64,29 @@ class Moves(NamedTuple):
 def find(state: LayersState, view: View, params: LayersParams) -> Moves:
     """Motion of object and camera into this frame."""
     hidden = state.visible is not None
+    coasting = state.occlusion.coasting > 0
     # the corners of a drawn box are ground, more often than not
     way = _AS_VISIBLE if hidden else _BY_ODDS if state.count == 0 else _EVENLY
-    shape = _outline(state.odds, state, way)
-    grid = shape.grid
-    points = list_points(state.obj, shape.weight, grid.triple, grid.area, _FIT_PIXELS)
-    predicted = _predict(state, view, points, shape.weight, grid)
-    near = dilate(shape.mask, 5)
-    flow = _dense_flow(view, near, grid, predicted[0], state, params)
-    atlas, camera = _ground(state, view, flow, near)
-    few = hidden and shape.seen < 0.1 * state.box[2] * state.box[3]
-    if few or state.occlusion.coasting:  # hardly anything is seen: it moves as it did before
-        theta = _theta(state.velocity, _NO_LINEAR, grid.scale)
+    known = state.occlusion.occluded or coasting
+    seen = _foresee(state, view, state.odds, way, (*state.velocity, *state.linear), known=known)
+    if not known and (state.count == 0 or seen.cost > 1.5 * state.match_cost + 1.0):
+        seen = _search_too(state, view, seen)
+    flow = _dense_flow(view, seen.start, state, params)
+    if coasting or (hidden and seen.visible < 0.1 * state.box[2] * state.box[3]):
+        # hardly anything is seen: it moves as it did before
+        registered, _ = _measure(state, view, flow, seen, state.odds, count=0)
+        theta = _theta(state.velocity)
     else:
-        theta = _measure(state, view, flow, points, shape.weight, grid, predicted[0], camera)
-    contrast = _contrast(theta, camera, state.contrast)
-    return Moves(grid, theta, predicted[1], flow, camera, atlas, contrast, shape.extent)
+        registered, theta = _measure(state, view, flow, seen, state.odds, count=seen.listed)
+    return _moves(state, view, seen, flow, registered, theta, state.match_cost if known else seen.cost)
 
 
 def follow(state: LayersState, view: View, odds: Plane, velocity: tuple[float, float], params: LayersParams) -> Moves:
     """Motion of the camera into this frame; that of the object, which is where `odds` are positive, is given."""
-    shape = _outline(odds, state, _EVENLY)
-    theta = _theta(velocity, _NO_LINEAR, shape.grid.scale)
-    near = dilate(shape.mask, 5)
-    flow = _dense_flow(view, near, shape.grid, theta, state, params)
-    atlas, camera = _ground(state, view, flow, near)
-    contrast = _contrast(theta, camera, state.contrast)
-    return Moves(shape.grid, theta, state.match_cost, flow, camera, atlas, contrast, shape.extent)
+    seen = _foresee(state, view, odds, _EVENLY, (*velocity, *_NO_LINEAR), known=True)
+    flow = _dense_flow(view, seen.start, state, params)
+    registered, _ = _measure(state, view, flow, seen, odds, count=0)
+    return _moves(state, view, seen, flow, registered, _theta(velocity), state.match_cost)
 
 
 def displace(moves: Moves, shift: tuple[int, int]) -> Moves:
@@ -107,85 +97,112 @@ def displace(moves: Moves, shift: tuple[int, int]) -> Moves:
     return moves._replace(theta=theta)
 
 
-def _ground(state: LayersState, view: View, flow: NDArray[np.float32], near: NDArray[np.uint8]) -> ground.Background:
-    camera = ground.camera_from_flow(flow, near, state.camera)
-    return ground.register(state.atlas, view.image, state.odds, near, camera, state.noise, view.inside)
+class _Foreseen(NamedTuple):
+    """What is known before the flow is; see `kernels.foresee`."""
+
+    near: NDArray[np.uint8]
+    weight: Plane
+    points: NDArray[np.float32]
+    listed: int
+    sums: NDArray[np.float64]
+    theta: NDArray[np.float64]
+    cost: float
+    start: NDArray[np.float32]
+
+    @property
+    def grid(self) -> Grid:
+        """Coordinates of the object."""
+        return Grid(*self.sums[:4].tolist())
+
+    @property
+    def visible(self) -> float:
+        """Sum of the weights."""
+        return float(self.sums[4])
+
+
+def _foresee(
+    state: LayersState, view: View, odds: Plane, way: int, motion: tuple[float, ...], *, known: bool
+) -> _Foreseen:
+    """Outline of the object {odds > 0}, and the motion expected for this frame.
+
+    The last motion, its translation alone or the camera's motion, whichever explains the frame best; the last one
+    untried if it is `known`. Where there is no outline, the last box stands for it.
+    """
+    h, w = odds.shape
+    x, y, width, height = state.box
+    box = np.array(
+        (
+            x - state.origin[0] + width / 2,
+            y - state.origin[1] + height / 2,
+            max(6.0, max(width, height) / 2),
+            max(width * height, 1.0),
+        )
+    )
+    masks, weight = np.empty((3, h, w), np.uint8), np.empty_like(odds)
+    points, start = np.empty((14, max(_POINTS, h * w // 16 + 64)), np.float32), np.empty((h, w, 2), np.float32)
+    sums, theta = np.empty(9), np.empty(8)
+    count, cost = foresee(
+        odds, masks[0] if state.visible is None else state.visible, way, box, state.obj, view.image, view.inside,
+        np.array(motion), np.array(state.camera), known, masks, weight, points, sums, theta, start,
+    )  # fmt: skip
+    return _Foreseen(masks[1], weight, points, count, sums, theta, cost, start)
+
+
+def _measure(
+    state: LayersState, view: View, flow: NDArray[np.float32], seen: _Foreseen, odds: Plane, *, count: int
+) -> tuple[ground.Registered, NDArray[np.float64]]:
+    """How the background moved and how the object did; only the first without any points."""
+    register, theta = np.empty(8), np.empty(8)
+    atlas = state.atlas
+    measure(
+        flow, view.image, view.previous, view.inside, seen.near, np.array(state.camera), state.noise, atlas.image,
+        atlas.counts, np.array(atlas.offset), _CAMERA_STEPS, odds, seen.weight, seen.sums, seen.points, count,
+        seen.theta, state.occlusion.occluded, state.count < 3, _STEPS, np.empty_like(odds),
+        np.empty_like(seen.points), register, theta,
+    )  # fmt: skip
+    return ground.Registered.of(register), theta
+
+
+def _moves(
+    state: LayersState,
+    view: View,
+    seen: _Foreseen,
+    flow: NDArray[np.float32],
+    registered: ground.Registered,
+    theta: NDArray[np.float64],
+    residual: float,
+) -> Moves:
+    atlas, camera = ground.place(state.atlas, registered, view.image, state.odds)
+    x0, y0, x1, y1 = map(int, seen.sums[5:].tolist())
+    contrast = _contrast(theta, camera, state.contrast)
+    return Moves(seen.grid, theta, residual, flow, camera, atlas, contrast, (x0, y0, x1, y1))
 
 
 def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: float) -> float:
-    relative = math.hypot(theta[0] - camera[0], theta[3] - camera[1])
-    relative += 0.2 * float(abs(theta[1]) + abs(theta[2]) + abs(theta[4]) + abs(theta[5]))
+    vx, a, b, vy, c, d = theta[:6].tolist()
+    relative: float = math.hypot(vx - camera[0], vy - camera[1]) + 0.2 * (abs(a) + abs(b) + abs(c) + abs(d))
     return max(min(relative / 0.4, 1.0), 0.9 * last)
 
 
-class _Outline(NamedTuple):
-    """Where the object is: mask, weights of its pixels and their sum, coordinates, and all that may belong to it."""
-
-    mask: NDArray[np.uint8]
-    weight: Plane
-    seen: float
-    grid: Grid
-    extent: tuple[int, int, int, int]
+def _theta(velocity: tuple[float, float]) -> NDArray[np.float64]:
+    """Write a translation as `kernels.measure` has motions."""
+    return np.array((velocity[0], 0.0, 0.0, velocity[1], 0.0, 0.0, 0.0, 0.0))
 
 
-def _outline(odds: Plane, state: LayersState, way: int) -> _Outline:
-    """Outline of {odds > 0}; of the last box when that is empty."""
-    mask, weight, sums = np.empty(odds.shape, np.uint8), np.empty_like(odds), np.empty(12)
-    outline(odds, mask if state.visible is None else state.visible, way, mask, weight, sums)
-    area, x, y, left, right, top, bottom, first_x, last_x, first_y, last_y, seen = sums.tolist()
-    extent = (int(first_x), int(first_y), int(last_x) + 1, int(last_y) + 1)
-    if area < 4:
-        bx, by, w, h = state.box
-        cx, cy = bx - state.origin[0] + w / 2, by - state.origin[1] + h / 2
-        grid = Grid(cx, cy, max(6.0, max(w, h) / 2), max(w * h, 1.0))
-    else:
-        grid = Grid(x / area, y / area, max(6.0, max(right - left + 1, bottom - top + 1) / 2), area)
-    return _Outline(mask, weight, seen, grid, extent)
-
-
-def _theta(
-    velocity: tuple[float, float], linear: tuple[float, float, float, float], scale: float
-) -> NDArray[np.float64]:
-    vx, vy = velocity
-    a, b, c, d = (value * scale for value in linear)
-    return np.array((vx, a, b, vy, c, d, 0.0, 0.0))
-
-
-def _predict(
-    state: LayersState, view: View, points: Points, weight: Plane, grid: Grid
-) -> tuple[NDArray[np.float64], float]:
-    """Affine motion expected for this frame, and its mean residual.
-
-    The last motion, its translation alone or the camera's motion, whichever explains the frame best; a search over
-    translations when none does (always in the second frame, whose motion nobody knows).
-    """
-
-    def cost_of(theta: NDArray[np.float64]) -> float:
-        return misfit(points, view.image, theta, FAR_OFF, view.inside)
-
-    if state.occlusion.occluded or state.occlusion.coasting:
-        return _theta(state.velocity, _NO_LINEAR, grid.scale), state.match_cost
-    best = _theta(state.velocity, state.linear, grid.scale)
-    cost = cost_of(best)
-    bent = max(map(abs, state.linear)) * grid.scale > 0.02
-    for velocity in (state.velocity, state.camera) if bent else (state.camera,):
-        if velocity == state.camera and math.hypot(velocity[0] - best[0], velocity[1] - best[3]) < 0.1:
-            continue
-        other = _theta(velocity, _NO_LINEAR, grid.scale)
-        other_cost = cost_of(other)
-        if other_cost < cost - 0.3:
-            best, cost = other, other_cost
-    first = state.count == 0
-    if first or cost > 1.5 * state.match_cost + 1.0:
-        shift = _search(state, view.image, weight, grid)
-        other = _theta(shift, _NO_LINEAR, grid.scale)
-        other_cost = cost_of(other)
-        dx, dy = shift[0] - state.velocity[0], shift[1] - state.velocity[1]
-        distance = dx * dx + dy * dy
-        penalised = other_cost * (1 + distance / (2 * (0.5 * grid.scale + 8) ** 2)) + 0.02 * distance
-        if penalised < (0.92 * cost - 0.15 if first else 0.85 * cost - 0.5):
-            best, cost = other, other_cost
-    return best, cost
+def _search_too(state: LayersState, view: View, seen: _Foreseen) -> _Foreseen:
+    """Prediction by a search over translations, where that explains the frame clearly better."""
+    grid = seen.grid
+    shift = _search(state, view.image, seen.weight, grid)
+    theta = _theta(shift)
+    cost = residual(view.image, seen.points, seen.listed, theta, FAR_OFF, view.inside)
+    dx, dy = shift[0] - state.velocity[0], shift[1] - state.velocity[1]
+    distance = dx * dx + dy * dy
+    penalised = cost * (1 + distance / (2 * (0.5 * grid.scale + 8) ** 2)) + 0.02 * distance
+    if penalised >= (0.92 * seen.cost - 0.15 if state.count == 0 else 0.85 * seen.cost - 0.5):
+        return seen
+    start = np.empty_like(seen.start)
+    start_flow(seen.near, seen.sums, theta, np.array(state.camera), start)
+    return seen._replace(theta=theta, cost=cost, start=start)
 
 
 def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
@@ -231,12 +248,7 @@ def _solver(levels: int, params: LayersParams) -> Any:
 
 
 def _dense_flow(
-    view: View,
-    near: NDArray[np.uint8],
-    grid: Grid,
-    theta: NDArray[np.float64],
-    state: LayersState,
-    params: LayersParams,
+    view: View, start: NDArray[np.float32], state: LayersState, params: LayersParams
 ) -> NDArray[np.float32]:
     """Horn–Schunck flow, started from the predicted motion near the object and from the camera's elsewhere.
 
@@ -244,76 +256,9 @@ def _dense_flow(
     coarse levels.
     """
     side = max(min(state.box[2], state.box[3]), 8.0)
-    levels = int(min(max(1 + np.floor(np.log2(side / 10.0)), 1), 3))
-    h, w = view.gray.shape
-    start = np.empty((h, w, 2), np.float32)
-    start_flow(near, grid.triple, theta, np.array(state.camera), start)
+    levels = min(max(1 + math.floor(math.log2(side / 10.0)), 1), 3)
     flow: NDArray[np.float32] = _solver(levels, params).calc(view.previous, view.gray, start)
     return flow
-
-
-def _measure(
-    state: LayersState,
-    view: View,
-    flow: NDArray[np.float32],
-    points: Points,
-    weight: Plane,
-    grid: Grid,
-    predicted: NDArray[np.float64],
-    camera: tuple[float, float],
-) -> NDArray[np.float64]:
-    """Affine motion of the object: the flow's robust fit, sharpened against the object layer.
-
-    The fit follows the frame pair, the layer keeps it from drifting. Registration starts from the fit and from the
-    prediction, and is believed only near its start.
-    """
-    hidden = state.occlusion.occluded
-    fitted = _fit(state, view, flow, weight, grid, predicted, camera)
-    strength = max(state.noise, 2.0) ** 2 * (5.0 if hidden else 1.0)
-    stiff, steady = 0.05 * strength, 0.02 * strength
-    prior = np.array((steady, stiff, stiff, steady, stiff, stiff, 0.02, steady))
-    # what differs by more than the fit takes seriously (a highlight, something in front) must not decide either
-    scale = 3.0 * state.noise + 3.0
-    best, limit = fitted, math.inf
-    for start in (fitted, predicted):
-        if start is predicted and max(abs(start[0] - fitted[0]), abs(start[3] - fitted[3])) < 0.05:
-            continue
-        theta, before, after = refine(points, view.image, start, prior, scale, scale, view.inside)
-        if start is fitted:
-            limit = before
-        moved = math.hypot(theta[0] - start[0], theta[3] - start[3])
-        stretched = max(abs(theta[1]), abs(theta[2]), abs(theta[4]), abs(theta[5]))
-        if moved > 3.0 or stretched > 0.4 * grid.scale:
-            continue
-        if after < (limit if start is fitted else _CONTINUE * limit):
-            best, limit = theta, after
-    return best
-
-
-def _fit(
-    state: LayersState,
-    view: View,
-    flow: NDArray[np.float32],
-    weight: Plane,
-    grid: Grid,
-    predicted: NDArray[np.float64],
-    camera: tuple[float, float],
-) -> NDArray[np.float64]:
-    """Affine motion of the object by the flow alone."""
-    hidden = state.occlusion.occluded
-    fitted = predicted.copy()
-    ridge = np.array((0.018, 0.9, 0.9) if hidden else (0.006, 0.03, 0.03))
-    odds = np.where(weight > 0, state.odds, np.float32(-1.0)) if hidden else state.odds
-    stride = max(1, round(grid.area / _FIT_PIXELS))
-    workspace = np.empty((7, 2 * _FIT_PIXELS), np.float32)
-    fit_affine(
-        flow, view.previous, odds, grid.triple, ridge, state.noise, np.array(camera), state.count < 3, stride,
-        workspace, fitted,
-    )  # fmt: skip
-    limit = 0.0 if hidden else 0.35 * grid.scale
-    for i in (1, 2, 4, 5):
-        fitted[i] = min(max(fitted[i], -limit), limit)
-    return fitted
 
 
 def inverse_matrix(theta: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:

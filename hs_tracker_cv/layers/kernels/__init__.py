@@ -13,8 +13,10 @@ from .common import FAR_OFF, KNOWN
 from .evidence import evidence
 from .labelling import label
 from .memory import learn
-from .registration import collect, fit_affine, gauss_newton, median_flow, search_shift, start_flow
-from .windows import carry, fill_new, open_ground, outline, resample, shift, smooth
+from .motion import foresee, measure, search_shift, start_flow
+from .registration import collect, gauss_newton, residual
+from .shapes import components, median, spread, widen, widen_cross
+from .windows import carry, fill_new, resample, shift, smooth
 
 __all__ = [
     "FAR_OFF",
@@ -22,18 +24,22 @@ __all__ = [
     "bin_colours",
     "carry",
     "collect",
+    "components",
     "evidence",
     "fill_new",
-    "fit_affine",
+    "foresee",
     "gauss_newton",
     "label",
     "learn",
-    "median_flow",
-    "open_ground",
-    "outline",
+    "measure",
+    "median",
     "resample",
+    "residual",
     "search_shift",
     "shift",
     "smooth",
+    "spread",
     "start_flow",
+    "widen",
+    "widen_cross",
 ]

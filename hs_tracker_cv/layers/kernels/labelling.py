@@ -16,17 +16,15 @@ from .shapes import (
     RUN_FIRST,
     RUN_HEAD,
     RUN_ROW,
-    area_of,
-    clear,
     components,
     extremes,
     invert,
     median,
-    once,
     overlap,
     spread,
     widen,
     widen_cross,
+    without,
 )
 
 f32 = np.float32
@@ -59,18 +57,10 @@ def _arrivals(fresh, own, before, area, emerging, reach, times, spare, runs, kin
     near = spare[3]
     held = spare[4]
     median(fresh, held, new)
-    arrived = 0
-    for y in range(h):
-        for x in range(w):
-            apart[y, x] = new[y, x] & (own[y, x] ^ 1)
-            arrived += apart[y, x]
-    if area == 0 or arrived == 0:
+    if without(new, own, apart) == 0 or area == 0:
         return
     widen(own, reach, held, near)
-    far = 0
-    for y in range(h):
-        for x in range(w):
-            far += apart[y, x] & (near[y, x] ^ 1)
+    far = without(apart, near, held)
     if far > 0:
         _distant(apart, near, larger(8.0, 0.02 * area), runs, foreign)
     if before.shape[0] > 0:
@@ -81,12 +71,13 @@ def _arrivals(fresh, own, before, area, emerging, reach, times, spare, runs, kin
     if times > 0 and far < 0.03 * (h * w):
         for y in range(h):
             for x in range(w):
+                kinds[y, x] = own[y, x]
                 new[y, x] &= foreign[y, x] ^ 1
-        spread(own, new, times, held, kinds)
-    if emerging:
-        clear(foreign)
+        spread(new, times, held, kinds)
     for y in range(h):
         for x in range(w):
+            kinds[y, x] &= new[y, x]
+            foreign[y, x] = 0 if emerging else foreign[y, x]
             kinds[y, x] |= foreign[y, x] << 1
 
 
@@ -159,14 +150,20 @@ def _own_component(mask, own, area, runs):
 
 @fast_part
 def _settle(raw, mask, foreign, warped, odds):
-    """Write the log-odds, lowered where they are positive outside the mask, and where something else is."""
+    """Write the log-odds, lowered where they are positive outside the mask, and where something else is.
+
+    Returns on how many pixels that is.
+    """
     h, w = mask.shape
+    others = 0
     for y in range(h):
         for x in range(w):
             p = raw[y, x]
             p = f32(-1.0) if (p > f32(0.0)) & (mask[y, x] == 0) else p
             other = (foreign[y, x] != 0) & (warped[y, x] < f32(1.0))
             odds[y, x] = smaller(p, f32(-2.0)) if other else p
+            others += foreign[y, x]
+    return others
 
 
 @fast_part
@@ -202,8 +199,7 @@ def _cut_edge(image, background, counts, noise, least, spare, mask, odds):
     for reach in range(2, 0, -1):  # of a thin object hardly anything is farther inside
         invert(mask, kept)
         widen(kept, reach, held, wide)
-        invert(wide, core)
-        if area_of(core) >= 9:
+        if invert(wide, core) >= 9:
             break
     widen(mask, 1, held, wide)
     flat = f32(36.0 * noise * noise + 100.0)
@@ -289,9 +285,12 @@ def label(
     if channels != 3 or background.shape[2] != 3:
         return 0, 0, 0, 0, 0, 0, 0, 0
     kinds = spare[0]
-    area = area_of(own)
-    clear(kinds)
-    clear(foreign)
+    area = 0
+    for y in range(h):
+        for x in range(w):
+            area += own[y, x]
+            kinds[y, x] = 0
+            foreign[y, x] = 0
     if growth > 0:
         _arrivals(fresh, own, before, area, emerging, growth, times, spare, runs, kinds, foreign)
     if hiding.shape[0] > 0:
@@ -305,9 +304,9 @@ def label(
             mask[y, x] = 1 if raw[y, x] > f32(0.0) else 0
     _open(mask, area, spare)
     _own_component(mask, own, area, runs)
-    _settle(raw, mask, foreign, warped, odds)
+    others = _settle(raw, mask, foreign, warped, odds)
     if not _cut_edge(image, background, counts, noise, least, spare, mask, odds):
         _settle(raw, mask, foreign, warped, odds)
     expected, both, seen = overlap(mask, shape, inside)
     left, right, top, bottom = extremes(mask, odds, columns, rows)
-    return area_of(foreign), expected, both, seen, left, right, top, bottom
+    return others, expected, both, seen, left, right, top, bottom

@@ -1,4 +1,4 @@
-"""How things move: registration with a layer, robust fit of a flow, search over translations."""
+"""What measures motion: registration of a layer with a frame, robust affine fit of a flow."""
 
 # Parts have no types of their own: Numba infers them.
 # mypy: allow-untyped-defs, no-check-untyped-defs, allow-untyped-calls
@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiling import larger, local, root, smaller
-from .common import Image, Integers, Mask, Numbers, Plane, fast_kernel, fast_part, select
+from .common import Image, Integers, Numbers, Plane, fast_kernel, fast_part, select
 
 _BLOCK = 64  # points at a time
 _SETTLED = 0.02  # px, of a step of Gauss–Newton: what the next one would add is a fraction of that
@@ -41,6 +41,12 @@ def _solve(a, b, n):
         b[i] /= a[i, i]
 
 
+@fast_part
+def every(area, wanted):
+    """Every how manieth of so many pixels to take, to get about as many as wanted."""
+    return larger(np.int64(area / wanted + 0.5), 1)
+
+
 @fast_kernel
 def collect(reference: Image, weight: Plane, grid: Numbers, stride: int, points: Plane) -> int:
     """List the pixels by which `reference` is registered: those of positive weight, every `stride`-th of a row.
@@ -71,6 +77,81 @@ def collect(reference: Image, weight: Plane, grid: Numbers, stride: int, points:
     return n
 
 
+@fast_part
+def look_up(image, points, first, m, theta, inside, corners, part_x, part_y, weight):
+    """Look up where the points from `first` on are by a motion: four pixels per channel, the parts of a pixel.
+
+    `weight` receives the points' own, 0 outside the frame.
+    """
+    height, width, channels = image.shape
+    left = inside[0]
+    top = inside[1]
+    right = inside[2] - 1
+    bottom = inside[3] - 1
+    t0 = theta[0]
+    t1 = theta[1]
+    t2 = theta[2]
+    t3 = theta[3]
+    t4 = theta[4]
+    t5 = theta[5]
+    at_x = _row()
+    at_y = _row()
+    for i in range(m):
+        p = first + i
+        qx = points[0, p] + t0 + t1 * points[2, p] + t2 * points[3, p]
+        qy = points[1, p] + t3 + t4 * points[2, p] + t5 * points[3, p]
+        within = qx >= left and qy >= top and qx < right and qy < bottom
+        weight[i] = points[4, p] if within else 0.0
+        qx = smaller(larger(qx, 0.0), width - 1.001)
+        qy = smaller(larger(qy, 0.0), height - 1.001)
+        at_x[i] = np.float64(np.int64(qx))
+        at_y[i] = np.float64(np.int64(qy))
+        part_x[i] = qx - at_x[i]
+        part_y[i] = qy - at_y[i]
+    for i in range(m):
+        ix = np.int64(at_x[i])
+        iy = np.int64(at_y[i])
+        for c in range(channels):
+            corners[c, 0, i] = image[iy, ix, c]
+            corners[c, 1, i] = image[iy, ix + 1, c]
+            corners[c, 2, i] = image[iy + 1, ix, c]
+            corners[c, 3, i] = image[iy + 1, ix + 1, c]
+
+
+@fast_kernel
+def residual(image: Image, points: Plane, count: int, theta: Numbers, ceiling: float, inside: Integers) -> float:
+    """Mean of min(|I(p + a(p)) − g R(p) − b|, `ceiling`) over the listed points, each of its weight.
+
+    It is 1e9 when less than a quarter of the weight is in the frame. See :func:`gauss_newton`.
+    """
+    channels = image.shape[2]
+    share = 1.0 / channels
+    gain = 1.0 + 0.01 * theta[6]
+    bias = theta[7]
+    corners = _corners()
+    part_x = _row()
+    part_y = _row()
+    weight = _row()
+    ee = _row()
+    wanted = used = cost = 0.0
+    for first in range(0, count, _BLOCK):
+        m = smaller(count - first, _BLOCK)
+        look_up(image, points, first, m, theta, inside, corners, part_x, part_y, weight)
+        for i in range(m):
+            ee[i] = 0.0
+        for c in range(channels):
+            for i in range(m):
+                above = corners[c, 0, i] + part_x[i] * (corners[c, 1, i] - corners[c, 0, i])
+                below = corners[c, 2, i] + part_x[i] * (corners[c, 3, i] - corners[c, 2, i])
+                e = above + part_y[i] * (below - above) - gain * points[5 + 3 * c, first + i] - bias
+                ee[i] += e * e
+        for i in range(m):
+            wanted += points[4, first + i]
+            used += weight[i]
+            cost += weight[i] * smaller(root(share * ee[i]), ceiling)
+    return 1e9 if used < 0.25 * wanted or used <= 0.0 else cost / used
+
+
 @fast_kernel
 def gauss_newton(
     image: Image,
@@ -83,24 +164,18 @@ def gauss_newton(
     inside: Integers,
     costs: Numbers,
     iterations: int,
-) -> float:
+) -> None:
     """Register the listed points in `image`: minimise Σ w ρ(I(p + a(p)) − g R(p) − b) over theta = (a, g, b).
 
     In place. `points` and `count` are from :func:`collect`. theta[6] is 100 (g − 1), theta[7] is b. `prior` holds the
     diagonal ridge towards the start value, per unit of weight. ρ has the weights (1 + (e / scale)²)⁻². It ends early
-    when there is nothing left to gain. Returns the mean of min(|e|, ceiling) at the end (1e9 when less than a quarter
-    of the weight is in the frame); costs[0] is the same at the start. With no iterations that is all it does.
+    when there is nothing left to gain. costs[0] and costs[1] receive the :func:`residual` at the start and at the
+    end. With no iterations that is all it does.
     """
     # Blocks of points: what is looked up pixel by pixel goes to short rows, and all arithmetic is on those rows.
     # Each is an array of its own, so that LLVM sees that they don't overlap.
-    height, width, channels = image.shape
-    left = inside[0]
-    top = inside[1]
-    right = inside[2] - 1
-    bottom = inside[3] - 1
+    channels = image.shape[2]
     corners = _corners()
-    at_x = _row()
-    at_y = _row()
     part_x = _row()
     part_y = _row()
     weight = _row()
@@ -125,16 +200,10 @@ def gauss_newton(
         start[i] = theta[i]
     share = 1.0 / channels
     cost = 0.0
-    for iteration in range(iterations + 1):
-        last = iteration == iterations
+    settled = False
+    for iteration in range(iterations):
         gain = 1.0 + 0.01 * theta[6]
         bias = theta[7]
-        t0 = theta[0]
-        t1 = theta[1]
-        t2 = theta[2]
-        t3 = theta[3]
-        t4 = theta[4]
-        t5 = theta[5]
         wanted = used = cost = 0.0
         a00 = a01 = a02 = a11 = a12 = a22 = 0.0
         b00 = b01 = b02 = b11 = b12 = b22 = 0.0
@@ -143,39 +212,9 @@ def gauss_newton(
         s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = g66 = g67 = g77 = 0.0
         for first in range(0, count, _BLOCK):
             m = smaller(count - first, _BLOCK)
+            look_up(image, points, first, m, theta, inside, corners, part_x, part_y, weight)
             for i in range(m):
-                p = first + i
-                qx = points[0, p] + t0 + t1 * points[2, p] + t2 * points[3, p]
-                qy = points[1, p] + t3 + t4 * points[2, p] + t5 * points[3, p]
-                within = qx >= left and qy >= top and qx < right and qy < bottom
-                weight[i] = points[4, p] if within else 0.0
-                qx = smaller(larger(qx, 0.0), width - 1.001)
-                qy = smaller(larger(qy, 0.0), height - 1.001)
-                at_x[i] = np.float64(np.int64(qx))
-                at_y[i] = np.float64(np.int64(qy))
-                part_x[i] = qx - at_x[i]
-                part_y[i] = qy - at_y[i]
                 ee[i] = 0.0
-            for i in range(m):
-                ix = np.int64(at_x[i])
-                iy = np.int64(at_y[i])
-                for c in range(channels):
-                    corners[c, 0, i] = image[iy, ix, c]
-                    corners[c, 1, i] = image[iy, ix + 1, c]
-                    corners[c, 2, i] = image[iy + 1, ix, c]
-                    corners[c, 3, i] = image[iy + 1, ix + 1, c]
-            if last:
-                for c in range(channels):
-                    for i in range(m):
-                        above = corners[c, 0, i] + part_x[i] * (corners[c, 1, i] - corners[c, 0, i])
-                        below = corners[c, 2, i] + part_x[i] * (corners[c, 3, i] - corners[c, 2, i])
-                        e = above + part_y[i] * (below - above) - gain * points[5 + 3 * c, first + i] - bias
-                        ee[i] += e * e
-                for i in range(m):
-                    wanted += points[4, first + i]
-                    used += weight[i]
-                    cost += weight[i] * smaller(root(share * ee[i]), ceiling)
-                continue
             for i in range(m):
                 xx[i] = xy[i] = yy[i] = xe[i] = ye[i] = xr[i] = yr[i] = x1[i] = y1[i] = 0.0
                 rr[i] = r1[i] = re[i] = e1[i] = 0.0
@@ -270,7 +309,9 @@ def gauss_newton(
             cost /= used
         if iteration == 0:
             costs[0] = cost
-        if last or cost >= 1e9:
+        costs[1] = cost
+        if cost >= 1e9:
+            settled = True
             break
         # the lower triangle is all that is read
         normal[0, 0] = a00
@@ -325,8 +366,12 @@ def gauss_newton(
             theta[i] += shorten * rhs[i]
             change = larger(change, abs(rhs[i]) * (1.0 if i < 6 else _BRIGHTNESS))
         if change < _SETTLED:
+            settled = True
             break
-    return cost
+    if not settled:
+        costs[1] = residual(image, points, count, theta, ceiling, inside)
+        if iterations == 0:
+            costs[0] = costs[1]
 
 
 @fast_kernel
@@ -334,6 +379,7 @@ def fit_affine(
     flow: Image,
     gray: Plane,
     log_odds: Plane,
+    weight: Plane,
     grid: Numbers,
     ridge: Numbers,
     noise: float,
@@ -342,19 +388,19 @@ def fit_affine(
     stride: int,
     points: Plane,
     theta: Numbers,
-) -> float:
-    """Robust affine fit of `flow` on the object {log_odds > 0}, towards the prediction in `theta` (in place).
+) -> None:
+    """Robust affine fit of `flow` on the object {log_odds > 0, weight > 0}, towards that in `theta` (in place).
 
     Iteratively reweighted least squares, five rounds. Pixels count by their gradient (a flat pixel's flow is only
     its neighbours'), by the odds that they are the object and, when `young`, by their contrast to the camera.
-    `points` is a workspace (7, N). Returns the scale of the residual, px.
+    `points` is a workspace (7, N).
     """
     h, w = log_odds.shape
     n = 0
     for y in range(1, h - 1):
         for x in range(1 + y % stride, w - 1, stride):
             s = log_odds[y, x]
-            if s <= 0.0 or n >= points.shape[1]:
+            if s <= 0.0 or weight[y, x] <= 0.0 or n >= points.shape[1]:
                 continue
             gx = 0.5 * (gray[y, x + 1] - gray[y, x - 1])
             gy = 0.5 * (gray[y + 1, x] - gray[y - 1, x])
@@ -374,7 +420,7 @@ def fit_affine(
             points[5, n] = 0.0
             n += 1
     if n == 0:
-        return 0.0
+        return
     start = _six()
     for i in range(6):
         start[i] = theta[i]
@@ -435,98 +481,3 @@ def fit_affine(
             points[6, looked_at] = points[5, p]
             looked_at += 1
         scale = larger(0.06, 1.48 * root(select(points[6], looked_at, 0.5)))
-    return scale
-
-
-@fast_kernel
-def start_flow(near: Mask, grid: Numbers, theta: Numbers, camera: Numbers, out: Image) -> None:
-    """Flow to start from, into out (h, w, 2): the affine motion where `near` is set, the camera's elsewhere."""
-    h, w = near.shape
-    for y in range(h):
-        yy = (y - grid[1]) / grid[2]
-        for x in range(w):
-            if near[y, x] != 0:
-                xx = (x - grid[0]) / grid[2]
-                out[y, x, 0] = theta[0] + theta[1] * xx + theta[2] * yy
-                out[y, x, 1] = theta[3] + theta[4] * xx + theta[5] * yy
-            else:
-                out[y, x, 0] = camera[0]
-                out[y, x, 1] = camera[1]
-
-
-@fast_kernel
-def median_flow(flow: Image, near: Mask, sample: Plane, out: Numbers) -> int:
-    """Medians outside `near`, every fourth pixel of every fourth row: u and v into out[0..1].
-
-    `sample` is a workspace (2, N). Returns the number of pixels looked at.
-    """
-    h, w = near.shape
-    n = 0
-    for y in range(0, h, 4):
-        for x in range(y // 4 % 4, w, 4):
-            if near[y, x] == 0 and n < sample.shape[1]:
-                sample[0, n] = flow[y, x, 0]
-                sample[1, n] = flow[y, x, 1]
-                n += 1
-    if n:
-        for i in range(2):
-            out[i] = select(sample[i], n, 0.5)
-    return n
-
-
-@fast_kernel
-def search_shift(
-    image: Image,
-    obj: Image,
-    shape: Plane,
-    different: Mask,
-    centre: Integers,
-    reach: int,
-    step: int,
-    inside: Integers,
-    noise: float,
-) -> tuple[float, float, int, int]:
-    """Best translation of the object layer: Σ over its shape of [not background] (1 − min(|I − O| / (12 + 3σ), 2)).
-
-    Shifts are `centre` ± `reach` in steps of `step` px; about four hundred pixels of {shape > ½} are looked at.
-    Returns (score there, score at no shift, dx, dy), scores per pixel of the shape.
-    """
-    h, w, channels = image.shape
-    area = 0
-    for y in range(h):
-        for x in range(w):
-            if shape[y, x] > 0.5:
-                area += 1
-    stride = larger(1, np.int64(root(area / 400.0)))
-    best = -1e9
-    still = 0.0
-    best_x = 0
-    best_y = 0
-    unit = 1.0 / ((12.0 + 3.0 * noise) * channels)
-    for sy in range(centre[1] - reach, centre[1] + reach + 1, step):
-        for sx in range(centre[0] - reach, centre[0] + reach + 1, step):
-            score = 0.0
-            n = 0
-            for y in range(0, h, stride):
-                for x in range(0, w, stride):
-                    if shape[y, x] <= 0.5:
-                        continue
-                    n += 1
-                    qx = x + sx
-                    qy = y + sy
-                    if qx < inside[0] or qy < inside[1] or qx >= inside[2] or qy >= inside[3]:
-                        continue
-                    if different[qy, qx] == 0:
-                        continue
-                    e = 0.0
-                    for c in range(channels):
-                        e += abs(image[qy, qx, c] - obj[y, x, c])
-                    score += 1.0 - smaller(e * unit, 2.0)
-            score /= larger(n, 1)
-            if sx == 0 and sy == 0:
-                still = score
-            if score > best:
-                best = score
-                best_x = sx
-                best_y = sy
-    return best, still, best_x, best_y

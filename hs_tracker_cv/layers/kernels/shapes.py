@@ -6,31 +6,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiling import intrinsic, larger, smaller
-from .common import fast_part
+from ...compiling import larger, smaller
+from .common import Mask, Runs, fast_kernel, fast_part
 
 f32 = np.float32
-
-
-@intrinsic
-def once(typing_context):
-    """Compile the part in which this stands once in a kernel, not at each of its calls."""
-    from numba import types
-
-    def emit(context, builder, signature, arguments):
-        builder.function.attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return types.none(), emit
 
 # Columns of a list of runs.
 RUN_ROW, RUN_FIRST, RUN_END, RUN_HEAD, RUN_AREA, RUN_COMMON = range(6)
 
 
-@fast_part
-def without(mask, other, out):
+@fast_kernel
+def without(mask: Mask, other: Mask, out: Mask) -> int:
     """Write the pixels of a mask that are not in the other; return how many they are."""
-    once()
     h, w = mask.shape
     n = 0
     for y in range(h):
@@ -40,10 +27,9 @@ def without(mask, other, out):
     return n
 
 
-@fast_part
-def invert(mask, out):
+@fast_kernel
+def invert(mask: Mask, out: Mask) -> int:
     """Write the pixels outside a mask; return how many they are."""
-    once()
     h, w = mask.shape
     n = 0
     for y in range(h):
@@ -53,10 +39,9 @@ def invert(mask, out):
     return n
 
 
-@fast_part
-def median(mask, held, out):
+@fast_kernel
+def median(mask: Mask, held: Mask, out: Mask) -> None:
     """Write 1 where at least five of 3 × 3 pixels are in the mask, the border repeated. `held` is a workspace."""
-    once()
     h, w = mask.shape
     for y in range(h):
         up = larger(y - 1, 0)
@@ -70,10 +55,9 @@ def median(mask, held, out):
         out[y, w - 1] = (held[y, w - 2] + held[y, w - 1] + held[y, w - 1] + 3) >> 3
 
 
-@fast_part
-def beside(mask, out):
+@fast_kernel
+def beside(mask: Mask, out: Mask) -> None:
     """Write 1 where a pixel of the mask is here, on the left or on the right."""
-    once()
     h, w = mask.shape
     for y in range(h):
         out[y, 0] = mask[y, 0] | mask[y, 1]
@@ -82,10 +66,9 @@ def beside(mask, out):
         out[y, w - 1] = mask[y, w - 2] | mask[y, w - 1]
 
 
-@fast_part
-def spread(allowed, times, held, out):
+@fast_kernel
+def spread(allowed: Mask, times: int, held: Mask, out: Mask) -> None:
     """Let the mask `out` grow over `allowed` in so many steps, each to all eight neighbours. `held` is a workspace."""
-    once()
     h, w = out.shape
     for _ in range(times):
         beside(out, held)
@@ -96,10 +79,25 @@ def spread(allowed, times, held, out):
                 out[y, x] |= allowed[y, x] & (held[up, x] | held[y, x] | held[down, x])
 
 
-@fast_part
-def widen_cross(mask, out):
+@fast_kernel
+def widen(mask: Mask, reach: int, held: Mask, out: Mask) -> None:
+    """Write 1 where a pixel of the mask lies within `reach` px, in rows and in columns. `held` is a workspace."""
+    h, w = mask.shape
+    for y in range(h):
+        for x in range(w):
+            out[y, x] = mask[y, x]
+    for _ in range(reach):
+        beside(out, held)
+        for y in range(h):
+            up = larger(y - 1, 0)
+            down = smaller(y + 1, h - 1)
+            for x in range(w):
+                out[y, x] = held[up, x] | held[y, x] | held[down, x]
+
+
+@fast_kernel
+def widen_cross(mask: Mask, out: Mask) -> None:
     """Write 1 where a pixel of the mask is here, or one of the four neighbours."""
-    once()
     h, w = mask.shape
     beside(mask, out)
     for y in range(h):
@@ -109,15 +107,14 @@ def widen_cross(mask, out):
             out[y, x] |= mask[up, x] | mask[down, x]
 
 
-@fast_part
-def components(mask, other, runs):
+@fast_kernel
+def components(mask: Mask, other: Mask, runs: Runs) -> tuple[int, int]:
     """Take a mask apart: list its runs of pixels in rows, and which of them hang together, also by corners.
 
     A component is known by its head, the first of its runs. For each run, `runs` receives (row, first column, end,
     head), and for each head the area of its component and how much of it is in `other`. Returns the numbers of runs
     and of components.
     """
-    once()
     h, w = mask.shape
     n = above = 0
     for y in range(h):
@@ -167,7 +164,6 @@ def components(mask, other, runs):
 @fast_part
 def overlap(mask, shape, inside):
     """Count, inside the frame, the pixels of {shape > ½}, those of them in the mask, and those of the mask."""
-    once()
     area = both = seen = 0
     for y in range(inside[1], inside[3]):
         for x in range(inside[0], inside[2]):
@@ -185,7 +181,6 @@ def extremes(mask, odds, columns, rows):
 
     Between the first and last row `columns` receives the largest value per column, and `rows` alike.
     """
-    once()
     h, w = mask.shape
     left = w
     right = top = bottom = -1

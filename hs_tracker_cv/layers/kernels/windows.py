@@ -1,4 +1,4 @@
-"""Windows: cut out and smoothed, moved by an affine motion, copied into the next frame's."""
+"""Windows: smoothed, moved by an affine motion, copied into the next frame's."""
 
 # Parts have no types of their own: Numba infers them.
 # mypy: allow-untyped-defs, no-check-untyped-defs, allow-untyped-calls
@@ -10,7 +10,6 @@ from ...compiling import larger, smaller
 from .common import KNOWN, Image, Integers, Mask, Numbers, Plane, Row, fast_kernel
 
 f32 = np.float32
-_NEVER_OBJECT = np.float32(-2.9)  # log-odds: what lies below has been ground for many frames
 
 
 @fast_kernel
@@ -41,70 +40,6 @@ def smooth(pixels: Plane, taps: Row, line: Row, image: Plane, gray: Plane) -> No
             for x in range(w):
                 green = f32(0.587) * image[y, 3 * x + 1]
                 gray[y, x] = f32(0.114) * image[y, 3 * x] + green + f32(0.299) * image[y, 3 * x + 2]
-
-
-@fast_kernel
-def outline(odds: Plane, visible: Mask, way: int, obj: Mask, weight: Plane, sums: Numbers) -> None:
-    """Mask of the object {odds > 0}, the weight of its pixels, and where it is.
-
-    `way` tells what they weigh: 0 one; 1 their odds, at most one; 2 what `visible` says. `sums` receives the area and
-    the sums of x and of y, then first and last column and row of the object (4), and the same of all that may
-    belong to it (4), and the sum of the weights.
-    """
-    h, w = odds.shape
-    left = may_left = w
-    right = may_right = -1
-    top = may_top = h
-    bottom = may_bottom = -1
-    area = sum_x = sum_y = 0
-    total = f32(0.0)
-    for y in range(h):
-        inside = across = 0
-        low = may_low = w
-        high = may_high = -1
-        for x in range(w):
-            s = odds[y, x]
-            own = 1 if s > f32(0.0) else 0
-            inside += own
-            across += own * x
-            low = smaller(low, x if s > f32(0.0) else w)
-            high = larger(high, x if s > f32(0.0) else -1)
-            may_low = smaller(may_low, x if s > _NEVER_OBJECT else w)
-            may_high = larger(may_high, x if s > _NEVER_OBJECT else -1)
-        area += inside
-        sum_x += across
-        sum_y += inside * y
-        if inside > 0:
-            top = smaller(top, y)
-            bottom = y
-            left = smaller(left, low)
-            right = larger(right, high)
-        if may_high >= 0:
-            may_top = smaller(may_top, y)
-            may_bottom = y
-            may_left = smaller(may_left, may_low)
-            may_right = larger(may_right, may_high)
-        for x in range(w):
-            obj[y, x] = 1 if odds[y, x] > f32(0.0) else 0
-        for x in range(w):
-            s = odds[y, x]
-            value = f32(1.0) if s > f32(0.0) else f32(0.0)
-            value = smaller(larger(s, f32(0.0)), f32(1.0)) if way == 1 else value
-            value = f32(visible[y, x]) if way == 2 else value
-            weight[y, x] = value
-            total += value
-    sums[0] = area
-    sums[1] = sum_x
-    sums[2] = sum_y
-    sums[3] = left
-    sums[4] = right
-    sums[5] = top
-    sums[6] = bottom
-    sums[7] = may_left
-    sums[8] = may_right
-    sums[9] = may_top
-    sums[10] = may_bottom
-    sums[11] = total
 
 
 @fast_kernel
@@ -270,16 +205,3 @@ def resample(image: Image, inverse: Numbers, repeat: bool, fill: float, out: Ima
                 above = left_share * image[y0, x0, c] + right_share * image[y0, x1, c]
                 below = left_share * image[y1, x0, c] + right_share * image[y1, x1, c]
                 out[y, x, c] = top_share * above + bottom_share * below + beyond
-
-
-@fast_kernel
-def open_ground(near: Mask, counts: Image, out: Plane) -> int:
-    """Write 1 where the background is known and nothing is `near`, 0 elsewhere; return how many pixels that is."""
-    h, w = near.shape
-    n = 0
-    for y in range(h):
-        for x in range(w):
-            free = near[y, x] == 0 and counts[0, y, x] >= KNOWN
-            out[y, x] = np.float32(1.0) if free else np.float32(0.0)
-            n += 1 if free else 0
-    return n
