@@ -33,14 +33,13 @@ _GAINS = _Gains()
 
 
 class _Steps(NamedTuple):
-    """How far the object grows from frame to frame, px, and the share of the mask that the cut of its edge leaves."""
+    """How far the object may grow in a frame, px; the share of the mask that must be left when its edge is cut."""
 
     growth: int = 4
     left: float = 0.6
 
 
 _STEPS = _Steps()
-_EMPTY = np.empty((0, 0), np.uint8)
 
 
 class Expected(NamedTuple):
@@ -201,36 +200,14 @@ def assign(
     mask, foreign = np.empty((h, w), np.uint8), np.empty((h, w), np.uint8)
     raw, odds, bins = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w), np.int16)
     spare, runs = np.empty((5, h, w), np.uint8), np.empty((h * (w // 2 + 1), 6), np.int32)
+    lines = np.empty((3, max(h, w, colour.BINS)), np.float32)
     # what comes out from behind something may be the object itself
     emerging = bool(state.occlusion.occluded or state.occlusion.coasting)
-    ratio, trust = colour.likelihood(state.colours, params.colour_weight)
-    columns, rows = np.empty(w, np.float32), np.empty(h, np.float32)
-    others, area, both, visible, *ends = label(
+    others, area, both, visible, *edges = label(
         view.image, expected.background, moves.atlas.counts, expected.odds, expected.own, expected.shape, seen.errors,
-        seen.fresh, _EMPTY if state.distractor is None else state.distractor, _EMPTY if hiding is None else hiding,
-        emerging, ratio, trust, state.noise, _STEPS.growth, _STEPS.growth if state.count > 2 else 0, _STEPS.left,
-        view.inside, spare, runs, bins, raw, odds, mask, foreign, columns, rows,
+        seen.fresh, masks.for_kernel(state.distractor), masks.for_kernel(hiding), emerging, state.colours,
+        params.colour_weight, state.noise, _STEPS.growth, state.count <= 2, _STEPS.left, view.inside, spare, runs,
+        lines, bins, raw, odds, mask, foreign,
     )  # fmt: skip
-    box = None
-    if ends[1] >= 0:
-        box = Box.from_edges(
-            _crossing(columns, ends[0], -1),
-            _crossing(rows, ends[2], -1),
-            _crossing(columns, ends[1], 1),
-            _crossing(rows, ends[3], 1),
-        )
-    sight = Sight(area, both, visible, box)
-    return Labels(mask, odds, raw, seen.errors, foreign if others else None, bins), sight
-
-
-def _crossing(values: NDArray[np.float32], last: int, step: int) -> float:
-    """Edge, px, where the profile crosses zero between the last pixel inside and the next one."""
-    edge = last + 0.5 + 0.5 * step
-    beyond = last + step
-    if not 0 <= beyond < len(values):
-        return edge
-    inner, outer = float(values[last]), float(values[beyond])
-    if inner <= 0 or outer >= 0:
-        return edge
-    # equal odds on both sides put the edge where the pixels meet
-    return edge + step * (inner / (inner - outer) - 0.5)
+    box = Box.from_edges(*edges) if edges[0] < edges[2] else None
+    return Labels(mask, odds, raw, seen.errors, foreign if others else None, bins), Sight(area, both, visible, box)

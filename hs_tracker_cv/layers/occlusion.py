@@ -21,8 +21,9 @@ _UNCONFIRMED = 12  # frames after which a suspicion is dropped
 def visible_share(area: int, both: int, seen: int, *, hidden: bool) -> float:
     """Visible share of that part of the remembered shape that lies in the frame; 0 when none does.
 
-    `area` is that of the shape there, `seen` that of the mask there, `both` what they have in common. An area that has only changed its form counts as visible, since deformation roughly conserves area; and what comes
-    out after it was `hidden` need not be where it was expected.
+    `area` is that of the shape there, `seen` that of the mask, `both` what they have in common. An area that has only
+    changed its form counts as visible, since deformation roughly conserves area; and what comes out after it was
+    `hidden` need not be where it was expected.
     """
     if area == 0:
         return 0.0

@@ -8,20 +8,21 @@ and `grid` is (cx, cy, scale).
 
 from __future__ import annotations
 
-from .colour import bin_colours
+from .colour import bin_colours, blend, likelihood
 from .common import FAR_OFF, KNOWN
 from .evidence import evidence
 from .labelling import label
 from .memory import learn
 from .motion import foresee, measure, search_shift, start_flow
 from .registration import collect, gauss_newton, residual
-from .shapes import components, median, spread, widen, widen_cross
+from .shapes import components, invert, median, spread, widen, widen_cross, without
 from .windows import carry, fill_new, resample, shift, smooth
 
 __all__ = [
     "FAR_OFF",
     "KNOWN",
     "bin_colours",
+    "blend",
     "carry",
     "collect",
     "components",
@@ -29,8 +30,10 @@ __all__ = [
     "fill_new",
     "foresee",
     "gauss_newton",
+    "invert",
     "label",
     "learn",
+    "likelihood",
     "measure",
     "median",
     "resample",
@@ -42,4 +45,5 @@ __all__ = [
     "start_flow",
     "widen",
     "widen_cross",
+    "without",
 ]

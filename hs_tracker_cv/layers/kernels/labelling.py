@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiling import larger, smaller
-from .colour import bin_row
-from .common import KNOWN, Bins, Image, Integers, Mask, Masks, Plane, Row, Runs, fast_kernel, fast_part
+from .colour import bin_row, likelihood
+from .common import KNOWN, Bins, Image, Integers, Mask, Masks, Plane, Runs, fast_kernel, fast_part
 from .shapes import (
     RUN_AREA,
     RUN_COMMON,
@@ -45,11 +45,12 @@ def _distant(apart, near, smallest, runs, out):
 
 
 @fast_part
-def _arrivals(fresh, own, before, area, emerging, reach, times, spare, runs, kinds, foreign):
+def _arrivals(fresh, own, before, area, emerging, reach, young, spare, runs, kinds, foreign):
     """Tell where the object has grown from where something else has arrived, which `foreign` shows.
 
-    Only what covers a background seen a moment ago (`fresh`) counts: this excludes ghosts and lifted shadows.
-    What comes out from behind something (`emerging`) may be the object itself.
+    Only what covers a background seen a moment ago (`fresh`) counts: this excludes ghosts and lifted shadows. What is
+    new within `reach` px of the object belongs to it, unless it is too `young` to grow; to it, or to the distractor
+    of the frame `before`. What comes out from behind something (`emerging`) may be the object itself.
     """
     h, w = own.shape
     new = spare[1]
@@ -68,12 +69,12 @@ def _arrivals(fresh, own, before, area, emerging, reach, times, spare, runs, kin
         for y in range(h):
             for x in range(w):
                 foreign[y, x] |= apart[y, x] & near[y, x]
-    if times > 0 and far < 0.03 * (h * w):
+    if not young and far < 0.03 * (h * w):
         for y in range(h):
             for x in range(w):
                 kinds[y, x] = own[y, x]
                 new[y, x] &= foreign[y, x] ^ 1
-        spread(new, times, held, kinds)
+        spread(new, reach, held, kinds)
     for y in range(h):
         for x in range(w):
             kinds[y, x] &= new[y, x]
@@ -245,6 +246,33 @@ def _cut_edge(image, background, counts, noise, least, spare, mask, odds):
     return True
 
 
+@fast_part
+def _crossing(values, n, last, step):
+    """Edge, px, where the profile crosses zero between the last pixel inside and the next one."""
+    edge = last + 0.5 + 0.5 * step
+    beyond = last + step
+    if beyond < 0 or beyond >= n or values[last] <= f32(0.0) or values[beyond] >= f32(0.0):
+        return edge
+    inner = 1.0 * values[last]
+    # equal odds on both sides put the edge where the pixels meet
+    return edge + step * (inner / (inner - values[beyond]) - 0.5)
+
+
+@fast_part
+def _edges(mask, odds, columns, rows):
+    """Left, top, right and bottom of a mask: where the largest of the odds per row or column crosses zero."""
+    h, w = mask.shape
+    left, right, top, bottom = extremes(mask, odds, columns, rows)
+    if right < 0:
+        return 0.0, 0.0, 0.0, 0.0
+    return (
+        _crossing(columns, w, left, -1),
+        _crossing(rows, h, top, -1),
+        _crossing(columns, w, right, 1),
+        _crossing(rows, h, bottom, 1),
+    )
+
+
 @fast_kernel
 def label(
     image: Image,
@@ -258,32 +286,59 @@ def label(
     before: Mask,
     hiding: Mask,
     emerging: bool,
-    ratio: Row,
-    trust: float,
+    colours: Plane,
+    weight: float,
     noise: float,
     growth: int,
-    times: int,
+    young: bool,
     least: float,
     inside: Integers,
     spare: Masks,
     runs: Runs,
+    lines: Plane,
     bins: Bins,
     raw: Plane,
     odds: Plane,
     mask: Mask,
     foreign: Mask,
-    columns: Row,
-    rows: Row,
-) -> tuple[int, int, int, int, int, int, int, int]:
-    """Mask of the object from the evidence, step by step.
+) -> tuple[int, int, int, int, float, float, float, float]:
+    """Mask of the object from the evidence, and what is visible of it.
 
-    Parameters are windows: this frame, the background and its counts, the object's log-odds, mask and slow shape
-    where they are expected, what :func:`evidence` wrote, the mask of the last frame's distractor, and where that
-    hides the object (0, 0 pixels for none).
+    Parameters
+    ----------
+    image, background, counts
+        This frame, and the background with its counts.
+    warped, own, shape
+        The object's log-odds, {log-odds > 0} and slow shape where they are expected.
+    evidence, fresh
+        What :func:`evidence` wrote. The ratio, its first plane, is changed where something is new.
+    before, hiding
+        Masks of the last frame's distractor, and of where it hides the object; of 0 × 0 pixels if there is none.
+    emerging
+        The object may be coming out from behind something.
+    colours, weight
+        Histograms of object and background, and how much they count.
+    noise
+        Gray levels.
+    growth, young, least
+        Px by which the object may grow (0: what is new says nothing), and whether its motion is too little known for
+        that; share of the mask that must be left when its edge is cut.
+    inside
+        Part of the window inside the frame.
+    spare, runs, lines
+        Workspaces: (5, h, w), (as many runs as there can be, 6) and (3, as many as bins, columns or rows).
+    bins, raw, odds, mask, foreign
+        Receive the bin of each colour, the log-odds as they come out of evidence and colour, the log-odds with all
+        that is known of shape, the mask, and the distractor.
+
+    Returns
+    -------
+    Pixels of the distractor; inside the frame pixels of the shape, of these in the mask, and of the mask; left, top,
+    right and bottom of the mask, all 0 if it is empty.
     """
     h, w, channels = image.shape
     if channels != 3 or background.shape[2] != 3:
-        return 0, 0, 0, 0, 0, 0, 0, 0
+        return 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
     kinds = spare[0]
     area = 0
     for y in range(h):
@@ -292,12 +347,15 @@ def label(
             kinds[y, x] = 0
             foreign[y, x] = 0
     if growth > 0:
-        _arrivals(fresh, own, before, area, emerging, growth, times, spare, runs, kinds, foreign)
+        _arrivals(fresh, own, before, area, emerging, growth, young, spare, runs, kinds, foreign)
     if hiding.shape[0] > 0:
         for y in range(h):
             for x in range(w):
                 kinds[y, x] = _HIDING if hiding[y, x] != 0 else kinds[y, x]
                 foreign[y, x] |= hiding[y, x]
+    ratio = lines[0]
+    # histograms that overlap tell next to nothing
+    trust = weight * larger(0.0, 1.1 - likelihood(colours, ratio))
     _log_odds(image, warped, evidence, kinds, ratio, trust, bins, raw)
     for y in range(h):
         for x in range(w):
@@ -308,5 +366,5 @@ def label(
     if not _cut_edge(image, background, counts, noise, least, spare, mask, odds):
         _settle(raw, mask, foreign, warped, odds)
     expected, both, seen = overlap(mask, shape, inside)
-    left, right, top, bottom = extremes(mask, odds, columns, rows)
-    return others, expected, both, seen, left, right, top, bottom
+    left, top, right, bottom = _edges(mask, odds, lines[1], lines[2])
+    return others, expected, both, seen, left, top, right, bottom

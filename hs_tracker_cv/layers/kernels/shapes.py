@@ -68,7 +68,7 @@ def beside(mask: Mask, out: Mask) -> None:
 
 @fast_kernel
 def spread(allowed: Mask, times: int, held: Mask, out: Mask) -> None:
-    """Let the mask `out` grow over `allowed` in so many steps, each to all eight neighbours. `held` is a workspace."""
+    """Let the mask `out` grow over `allowed`, in each step to all eight neighbours. `held` is a workspace."""
     h, w = out.shape
     for _ in range(times):
         beside(out, held)
