@@ -10,7 +10,7 @@ from typing import Any
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
-__all__ = ["C_FUNCTIONS", "function", "loaded", "native"]
+__all__ = ["C_FUNCTIONS", "PATIENCE", "TURN", "function", "loaded", "native"]
 
 C_FUNCTIONS = (
     "PyBuffer_Release",
@@ -26,6 +26,21 @@ C_FUNCTIONS = (
 )
 """Functions of Python's stable C interface, all that machine code here may refer to."""
 
+TURN = "hs_tracker_cv_turn"
+"""Name of an integer: 1 from when a thread is back from a kernel until it enters its next one.
+
+In that time it holds Python's lock, and it is soon over. Another thread that comes back from a kernel looks at this
+number for a while before it asks for the lock: the lock would put it to sleep, and to be woken takes longer than what
+it waits for. Whoever has waited long enough asks all the same, so that nothing depends on the number being right.
+"""
+
+PATIENCE = "hs_tracker_cv_patience"
+"""Name of an integer: how often to look."""
+
+_TURN = ctypes.c_int32(0)
+import os
+
+_PATIENCE = ctypes.c_int32(int(os.environ.get("SPINS", "3000")))
 _LOADED: set[str] = set()
 _FASTCALL = 0x80  # METH_FASTCALL
 
@@ -50,6 +65,8 @@ def _engine() -> Any:
     llvm.initialize_native_asmprinter()
     for name in C_FUNCTIONS:
         llvm.add_symbol(name, ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value)
+    for name, number in ((TURN, _TURN), (PATIENCE, _PATIENCE)):
+        llvm.add_symbol(name, ctypes.addressof(number))
     machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(jit=True)
     return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
 

@@ -43,7 +43,7 @@ from numba.core.typing.context import Context
 from numba.np import arrayobj
 
 from . import Kernel, Part
-from .loading import C_FUNCTIONS, native
+from .loading import C_FUNCTIONS, PATIENCE, TURN, native
 from .numba_function import SETTINGS, function_for, returned, signature
 
 __all__ = ["object_code"]
@@ -74,6 +74,10 @@ _C_FUNCTIONS = {
     "Py_BuildValue": ir.FunctionType(_POINTER, [_POINTER], var_arg=True),
 }
 
+
+_PAUSES: dict[str, tuple[Any, ...]] = {"x86_64": ("llvm.x86.sse2.pause",), "aarch64": ("llvm.aarch64.hint", 1)}
+_PAUSE = _PAUSES.get(llvm.get_process_triple().partition("-")[0])
+"""Instruction that tells the processor of a loop that waits, and its arguments."""
 
 _ALLOWED = {*C_FUNCTIONS, "memcpy", "memmove", "memset"}
 
@@ -400,11 +404,37 @@ class _Entry:
 
     def _run(self, fndesc: Any, values: list[Any]) -> Any:
         """Call the function, without the interpreter's lock."""
+        turn = ir.GlobalVariable(self.module, _INT, TURN)
         thread = self._call("PyEval_SaveThread")
+        self.builder.store_atomic(_INT(0), turn, "release", 4)
         status, result = self._call_compiled(self.builder, fndesc, values)
+        self._wait(turn)
         self._call("PyEval_RestoreThread", thread)
         self._unless("==", status.is_error, ir.IntType(1)(0), self.wrong)
         return result
+
+    def _wait(self, turn: Any) -> None:
+        """Wait, for a short while and awake, until no thread is between two kernels; see `loading.TURN`."""
+        builder = self.builder
+        before = builder.block
+        ask, again, go = (builder.append_basic_block(name) for name in ("ask", "again", "go"))
+        patience = builder.load(ir.GlobalVariable(self.module, _INT, PATIENCE))
+        builder.branch(ask)
+        builder.position_at_end(ask)
+        asked = builder.phi(_INT)
+        asked.add_incoming(_INT(0), before)
+        builder.cbranch(
+            builder.icmp_unsigned("==", builder.atomic_rmw("xchg", turn, _INT(1), "acquire"), _INT(0)), go, again
+        )
+        builder.position_at_end(again)
+        if _PAUSE:
+            name, *values = _PAUSE
+            kind = ir.FunctionType(ir.VoidType(), [_INT] * len(values))
+            builder.call(cgutils.get_or_insert_function(self.module, kind, name), [_INT(value) for value in values])
+        more = builder.add(asked, _INT(1))
+        asked.add_incoming(more, again)
+        builder.cbranch(builder.icmp_unsigned("<", more, patience), ask, go)
+        builder.position_at_end(go)
 
     def _call_compiled(self, builder: Any, fndesc: Any, values: list[Any]) -> Any:
         """Status and result of the compiled function."""

@@ -14,7 +14,7 @@ from .memory import learn
 from .motion import foresee, measure, search_shift, start_flow
 from .registration import collect, gauss_newton, residual
 from .shapes import extremes, overlap, spread
-from .windows import carry, fill_new, resample, shift, smooth
+from .windows import carry, move_ground, move_object, resample, shift, smooth
 
 __all__ = [
     "FAR_OFF",
@@ -24,12 +24,13 @@ __all__ = [
     "collect",
     "evidence",
     "extremes",
-    "fill_new",
     "foresee",
     "gauss_newton",
     "label",
     "learn",
     "measure",
+    "move_ground",
+    "move_object",
     "overlap",
     "resample",
     "residual",
