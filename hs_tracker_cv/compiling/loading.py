@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -37,10 +38,9 @@ it waits for. Whoever has waited long enough asks all the same, so that nothing 
 PATIENCE = "hs_tracker_cv_patience"
 """Name of an integer: how often to look."""
 
-_TURN = ctypes.c_int32(0)
-import os
+_LOOKS = 3000
+"""About 0.1 ms: few trackers need longer from one kernel to the next."""
 
-_PATIENCE = ctypes.c_int32(int(os.environ.get("SPINS", "3000")))
 _LOADED: set[str] = set()
 _FASTCALL = 0x80  # METH_FASTCALL
 
@@ -57,6 +57,13 @@ class _Method(ctypes.Structure):
 
 
 @cache
+def _numbers() -> dict[str, ctypes.c_int32]:
+    """Integers of this process that machine code refers to."""
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return {TURN: ctypes.c_int32(0), PATIENCE: ctypes.c_int32(_LOOKS if processors > 1 else 0)}
+
+
+@cache
 def _engine() -> Any:
     """LLVM's loader."""
     with suppress(RuntimeError):  # newer versions initialise themselves, and say so
@@ -65,7 +72,7 @@ def _engine() -> Any:
     llvm.initialize_native_asmprinter()
     for name in C_FUNCTIONS:
         llvm.add_symbol(name, ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value)
-    for name, number in ((TURN, _TURN), (PATIENCE, _PATIENCE)):
+    for name, number in _numbers().items():
         llvm.add_symbol(name, ctypes.addressof(number))
     machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(jit=True)
     return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)

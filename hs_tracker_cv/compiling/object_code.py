@@ -417,23 +417,25 @@ class _Entry:
         """Wait, for a short while and awake, until no thread is between two kernels; see `loading.TURN`."""
         builder = self.builder
         before = builder.block
-        ask, again, go = (builder.append_basic_block(name) for name in ("ask", "again", "go"))
+        look, take, again, go = (builder.append_basic_block(name) for name in ("look", "take", "again", "go"))
         patience = builder.load(ir.GlobalVariable(self.module, _INT, PATIENCE))
-        builder.branch(ask)
-        builder.position_at_end(ask)
-        asked = builder.phi(_INT)
-        asked.add_incoming(_INT(0), before)
-        builder.cbranch(
-            builder.icmp_unsigned("==", builder.atomic_rmw("xchg", turn, _INT(1), "acquire"), _INT(0)), go, again
-        )
+        builder.branch(look)
+        builder.position_at_end(look)
+        looks = builder.phi(_INT)
+        looks.add_incoming(_INT(0), before)
+        free = builder.icmp_signed("==", builder.load_atomic(turn, "monotonic", 4), _INT(0))
+        builder.cbranch(free, take, again)
+        builder.position_at_end(take)
+        taken = builder.icmp_signed("==", builder.atomic_rmw("xchg", turn, _INT(1), "acquire"), _INT(0))
+        builder.cbranch(taken, go, again)
         builder.position_at_end(again)
         if _PAUSE:
             name, *values = _PAUSE
             kind = ir.FunctionType(ir.VoidType(), [_INT] * len(values))
             builder.call(cgutils.get_or_insert_function(self.module, kind, name), [_INT(value) for value in values])
-        more = builder.add(asked, _INT(1))
-        asked.add_incoming(more, again)
-        builder.cbranch(builder.icmp_unsigned("<", more, patience), ask, go)
+        more = builder.add(looks, _INT(1))
+        looks.add_incoming(more, again)
+        builder.cbranch(builder.icmp_signed("<", more, patience), look, go)
         builder.position_at_end(go)
 
     def _call_compiled(self, builder: Any, fndesc: Any, values: list[Any]) -> Any:
