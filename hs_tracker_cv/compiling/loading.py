@@ -11,7 +11,7 @@ from typing import Any
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
-__all__ = ["C_FUNCTIONS", "PATIENCE", "TURN", "function", "loaded", "native"]
+__all__ = ["C_FUNCTIONS", "KEPT", "LONG", "PATIENCE", "TURN", "UNTIL", "function", "loaded", "native"]
 
 C_FUNCTIONS = (
     "PyBuffer_Release",
@@ -41,6 +41,20 @@ PATIENCE = "hs_tracker_cv_patience"
 _LOOKS = 3000
 """About 0.1 ms: few trackers need longer from one kernel to the next."""
 
+UNTIL = "hs_tracker_cv_until"
+"""Name of an integer: until when, by the processor's clock, kernels keep Python's lock.
+
+A thread of pure Python gives the lock back only after 5 ms (``sys.getswitchinterval``), and an update would wait for
+it after every kernel. So whoever has waited that long keeps the lock for as long, which is what Python grants to
+every thread, and then lets others have it again.
+"""
+
+LONG = 8_000_000
+"""Ticks of that clock: 2 to 4 ms. To wait so long is to wait for a thread of pure Python, not for another tracker."""
+
+KEPT = 15_000_000
+"""Ticks for which the lock is then kept: 4 to 8 ms."""
+
 _LOADED: set[str] = set()
 _FASTCALL = 0x80  # METH_FASTCALL
 
@@ -57,10 +71,11 @@ class _Method(ctypes.Structure):
 
 
 @cache
-def _numbers() -> dict[str, ctypes.c_int32]:
+def _numbers() -> dict[str, ctypes.c_int32 | ctypes.c_uint64]:
     """Integers of this process that machine code refers to."""
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return {TURN: ctypes.c_int32(0), PATIENCE: ctypes.c_int32(_LOOKS if processors > 1 else 0)}
+    patience = ctypes.c_int32(_LOOKS if processors > 1 else 0)
+    return {TURN: ctypes.c_int32(0), PATIENCE: patience, UNTIL: ctypes.c_uint64(0)}
 
 
 @cache

@@ -43,7 +43,7 @@ from numba.core.typing.context import Context
 from numba.np import arrayobj
 
 from . import Kernel, Part
-from .loading import C_FUNCTIONS, PATIENCE, TURN, native
+from .loading import C_FUNCTIONS, KEPT, LONG, PATIENCE, TURN, UNTIL, native
 from .numba_function import SETTINGS, function_for, returned, signature
 
 __all__ = ["object_code"]
@@ -403,15 +403,32 @@ class _Entry:
         return array._getvalue()
 
     def _run(self, fndesc: Any, values: list[Any]) -> Any:
-        """Call the function, without the interpreter's lock."""
+        """Call the function, as a rule without the interpreter's lock; see `loading.TURN` and `loading.UNTIL`."""
+        builder = self.builder
         turn = ir.GlobalVariable(self.module, _INT, TURN)
-        thread = self._call("PyEval_SaveThread")
-        self.builder.store_atomic(_INT(0), turn, "release", 4)
-        status, result = self._call_compiled(self.builder, fndesc, values)
-        self._wait(turn)
-        self._call("PyEval_RestoreThread", thread)
+        until = ir.GlobalVariable(self.module, _SIZE, UNTIL)
+        keeps = builder.icmp_unsigned("<", self._ticks(), builder.load(until))
+        thread = builder.alloca(_POINTER)
+        with builder.if_then(builder.not_(keeps)):
+            builder.store(self._call("PyEval_SaveThread"), thread)
+            builder.store_atomic(_INT(0), turn, "release", 4)
+        status, result = self._call_compiled(builder, fndesc, values)
+        with builder.if_then(builder.not_(keeps)):
+            self._wait(turn)
+            before = self._ticks()
+            self._call("PyEval_RestoreThread", builder.load(thread))
+            after = self._ticks()
+            with builder.if_then(builder.icmp_unsigned(">", builder.sub(after, before), _SIZE(LONG))):
+                builder.store(builder.add(after, _SIZE(KEPT)), until)
         self._unless("==", status.is_error, ir.IntType(1)(0), self.wrong)
         return result
+
+    def _ticks(self) -> Any:
+        """Time of the processor's clock, where it has one that can be read by everybody."""
+        if not llvm.get_process_triple().startswith("x86_64"):
+            return _SIZE(0)
+        kind = ir.FunctionType(_SIZE, [])
+        return self.builder.call(cgutils.get_or_insert_function(self.module, kind, "llvm.readcyclecounter"), [])
 
     def _wait(self, turn: Any) -> None:
         """Wait, for a short while and awake, until no thread is between two kernels; see `loading.TURN`."""
