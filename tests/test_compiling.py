@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import subprocess
 import sys
 import threading
@@ -281,3 +282,73 @@ def test_first_call_from_many_threads(small):
     for thread in threads:
         thread.join()
     assert results == [(1, [5.0, 10.0, 0.5])] * 8
+
+
+def test_nothing_depends_on_whose_turn_it_is(small):
+    """Whatever stands in the number that kernels look at before they ask for the interpreter, they come back."""
+    from hs_tracker_cv.compiling import loading
+
+    turn = loading._numbers()[loading.TURN]
+    stop, results = threading.Event(), []
+
+    def call():
+        for _ in range(500):
+            out = np.zeros(3)
+            results.append((small.norms(np.float32([[3, 4], [6, 8], [0, 0]]), 0.5, out), out.tolist()))
+
+    def disturb():
+        while not stop.is_set():
+            turn.value = 1
+
+    callers, disturber = [threading.Thread(target=call) for _ in range(2)], threading.Thread(target=disturb)
+    disturber.start()
+    for thread in callers:
+        thread.start()
+    for thread in callers:
+        thread.join(60)
+    stop.set()
+    disturber.join()
+    assert results == [(1, [5.0, 10.0, 0.5])] * 1000
+    turn.value = 1
+    assert small.norms(np.ones((2, 4), np.float32), 0.5, np.zeros(2)) == 0
+    assert turn.value == 1  # this thread is between two kernels
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="no clock that machine code can read")
+def test_whoever_waited_for_pure_python_keeps_the_interpreter_for_as_long(small):
+    """Beside a thread that never lets go, kernels give the interpreter away once in a while, not every time."""
+    from hs_tracker_cv.compiling import loading
+
+    until = loading._numbers()[loading.UNTIL]
+    arguments = np.ones((2000, 500), np.float32), 0.5, np.zeros(2000)  # long enough for the other thread to wake up
+
+    def unshared() -> bool:
+        before = counted[0]
+        for _ in range(5):
+            small.norms(*arguments)
+        return counted[0] == before
+
+    small.norms(*arguments)
+    until.value = 0
+    stop, counted = threading.Event(), [0]
+
+    def hog():
+        while not stop.is_set():
+            counted[0] += 1
+
+    thread = threading.Thread(target=hog)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(0.05)
+    try:
+        thread.start()
+        while until.value == 0:  # the other thread has to notice that the interpreter is free
+            small.norms(*arguments)
+        until.value = 2**64 - 1  # that time lasts; only Python itself, every 50 ms, lets the other thread go on
+        assert any(unshared() for _ in range(20))
+        until.value = 0
+        assert not all(unshared() for _ in range(20))
+    finally:
+        stop.set()
+        until.value = 0
+        thread.join()
+        sys.setswitchinterval(interval)

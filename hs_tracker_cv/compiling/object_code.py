@@ -43,7 +43,7 @@ from numba.core.typing.context import Context
 from numba.np import arrayobj
 
 from . import Kernel, Part
-from .loading import C_FUNCTIONS, native
+from .loading import C_FUNCTIONS, KEPT, LONG, PATIENCE, TURN, UNTIL, native
 from .numba_function import SETTINGS, function_for, returned, signature
 
 __all__ = ["object_code"]
@@ -74,6 +74,10 @@ _C_FUNCTIONS = {
     "Py_BuildValue": ir.FunctionType(_POINTER, [_POINTER], var_arg=True),
 }
 
+
+_PAUSES: dict[str, tuple[Any, ...]] = {"x86_64": ("llvm.x86.sse2.pause",), "aarch64": ("llvm.aarch64.hint", 1)}
+_PAUSE = _PAUSES.get(llvm.get_process_triple().partition("-")[0])
+"""Instruction that tells the processor of a loop that waits, and its arguments."""
 
 _ALLOWED = {*C_FUNCTIONS, "memcpy", "memmove", "memset"}
 
@@ -399,12 +403,57 @@ class _Entry:
         return array._getvalue()
 
     def _run(self, fndesc: Any, values: list[Any]) -> Any:
-        """Call the function, without the interpreter's lock."""
-        thread = self._call("PyEval_SaveThread")
-        status, result = self._call_compiled(self.builder, fndesc, values)
-        self._call("PyEval_RestoreThread", thread)
+        """Call the function, as a rule without the interpreter's lock; see `loading.TURN` and `loading.UNTIL`."""
+        builder = self.builder
+        turn = ir.GlobalVariable(self.module, _INT, TURN)
+        until = ir.GlobalVariable(self.module, _SIZE, UNTIL)
+        keeps = builder.icmp_unsigned("<", self._ticks(), builder.load(until))
+        thread = builder.alloca(_POINTER)
+        with builder.if_then(builder.not_(keeps)):
+            builder.store(self._call("PyEval_SaveThread"), thread)
+            builder.store_atomic(_INT(0), turn, "release", 4)
+        status, result = self._call_compiled(builder, fndesc, values)
+        with builder.if_then(builder.not_(keeps)):
+            self._wait(turn)
+            before = self._ticks()
+            self._call("PyEval_RestoreThread", builder.load(thread))
+            after = self._ticks()
+            with builder.if_then(builder.icmp_unsigned(">", builder.sub(after, before), _SIZE(LONG))):
+                builder.store(builder.add(after, _SIZE(KEPT)), until)
         self._unless("==", status.is_error, ir.IntType(1)(0), self.wrong)
         return result
+
+    def _ticks(self) -> Any:
+        """Time of the processor's clock, where it has one that can be read by everybody."""
+        if not llvm.get_process_triple().startswith("x86_64"):
+            return _SIZE(0)
+        kind = ir.FunctionType(_SIZE, [])
+        return self.builder.call(cgutils.get_or_insert_function(self.module, kind, "llvm.readcyclecounter"), [])
+
+    def _wait(self, turn: Any) -> None:
+        """Wait, for a short while and awake, until no thread is between two kernels; see `loading.TURN`."""
+        builder = self.builder
+        before = builder.block
+        look, take, again, go = (builder.append_basic_block(name) for name in ("look", "take", "again", "go"))
+        patience = builder.load(ir.GlobalVariable(self.module, _INT, PATIENCE))
+        builder.branch(look)
+        builder.position_at_end(look)
+        looks = builder.phi(_INT)
+        looks.add_incoming(_INT(0), before)
+        free = builder.icmp_signed("==", builder.load_atomic(turn, "monotonic", 4), _INT(0))
+        builder.cbranch(free, take, again)
+        builder.position_at_end(take)
+        taken = builder.icmp_signed("==", builder.atomic_rmw("xchg", turn, _INT(1), "acquire"), _INT(0))
+        builder.cbranch(taken, go, again)
+        builder.position_at_end(again)
+        if _PAUSE:
+            name, *values = _PAUSE
+            kind = ir.FunctionType(ir.VoidType(), [_INT] * len(values))
+            builder.call(cgutils.get_or_insert_function(self.module, kind, name), [_INT(value) for value in values])
+        more = builder.add(looks, _INT(1))
+        looks.add_incoming(more, again)
+        builder.cbranch(builder.icmp_signed("<", more, patience), look, go)
+        builder.position_at_end(go)
 
     def _call_compiled(self, builder: Any, fndesc: Any, values: list[Any]) -> Any:
         """Status and result of the compiled function."""

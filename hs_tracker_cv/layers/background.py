@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import fill_new, shift
+from .kernels import move_ground
 from .state import Atlas, Image, Plane
-from .window import shifted
 
 __all__ = ["Background", "Registered", "move", "place"]
 
@@ -50,11 +49,8 @@ def move(atlas: Atlas, dx: int, dy: int, image: Image, odds: Plane, gain: float 
     """
     if (dx, dy, gain) == (0, 0, 1.0) and image.shape == atlas.image.shape:
         return atlas
-    size = odds.shape
-    picture, counts = shifted(atlas.image, dx, dy, size, 0.0), np.empty((3, *size), np.float32)
-    for new, old, fill in zip(counts, atlas.counts, (-1.0, 0.0, 0.0), strict=True):
-        shift(old, dx, dy, fill, new)
-    if gain != 1.0:
-        picture *= np.float32(gain)
-    fill_new(counts[0], picture, image, odds)
+    h, w = odds.shape
+    picture, counts = np.empty((h, w, 3), np.float32), np.empty((3, h, w), np.float32)
+    rows = atlas.image.reshape(atlas.image.shape[0], -1)
+    move_ground(dx, dy, gain, rows, atlas.counts, image.reshape(h, -1), odds, picture.reshape(h, -1), counts)
     return Atlas(picture, counts, atlas.offset)

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from . import background as ground
 from . import colour, motion
-from .kernels import KNOWN, bin_colours, learn
+from .kernels import KNOWN, bin_colours, learn, move_object
 from .labelling import Expected, Labels
 from .mask import for_kernel
 from .state import Atlas, Image, LayersState, Plane
-from .window import Picture, View, shifted, shifted_mask, transformed, translated
+from .window import Picture, View, shifted_mask, transformed, translated
 
 __all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
 
@@ -121,14 +121,17 @@ def move(state: LayersState, picture: Picture, origin: tuple[int, int]) -> Layer
     image, gray = picture
     if (dx, dy) == (0, 0) and gray.shape == state.odds.shape:
         return state.replace(previous=image, gray=gray)
-    odds = shifted(state.odds, dx, dy, gray.shape, -3.0)
+    h, w = gray.shape
+    odds, shape, obj = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w, 3), np.float32)
+    rows = state.obj.reshape(state.obj.shape[0], -1)
+    move_object(dx, dy, state.odds, state.shape, rows, odds, shape, obj.reshape(h, -1))
     return state.replace(
         origin=origin,
         previous=image,
         gray=gray,
         odds=odds,
-        shape=shifted(state.shape, dx, dy, gray.shape, 0.0),
-        obj=shifted(state.obj, dx, dy, gray.shape, 0.0),
+        shape=shape,
+        obj=obj,
         distractor=None if state.distractor is None else shifted_mask(state.distractor, dx, dy, gray.shape),
         visible=None if state.visible is None else shifted_mask(state.visible, dx, dy, gray.shape),
         atlas=ground.move(state.atlas, dx, dy, image, odds),

@@ -119,7 +119,7 @@ class Atlas:
     ----------
     image : ndarray, shape (h, w, 3)
     counts : ndarray, shape (3, h, w), float32
-        Samples (−1 no data, 0 not yet seen uncovered); frames of mismatch; frames since the pixel last matched
+        Samples (0 not yet seen uncovered); frames of mismatch; frames since the pixel last matched
         uncovered.
     offset : tuple of float
         Background pixel (i, j) is seen at window pixel (i, j) + offset; each in [−½, ½].

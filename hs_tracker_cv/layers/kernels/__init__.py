@@ -16,7 +16,7 @@ from .memory import learn
 from .motion import foresee, measure, search_shift, start_flow
 from .registration import collect, gauss_newton, residual
 from .shapes import components, invert, median, spread, widen, widen_cross, without
-from .windows import carry, fill_new, resample, shift, smooth
+from .windows import carry, move_ground, move_object, resample, shift, smooth
 
 __all__ = [
     "FAR_OFF",
@@ -27,7 +27,6 @@ __all__ = [
     "collect",
     "components",
     "evidence",
-    "fill_new",
     "foresee",
     "gauss_newton",
     "invert",
@@ -36,6 +35,8 @@ __all__ = [
     "likelihood",
     "measure",
     "median",
+    "move_ground",
+    "move_object",
     "resample",
     "residual",
     "search_shift",

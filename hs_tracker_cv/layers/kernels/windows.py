@@ -138,18 +138,49 @@ def shift(source: Plane, dx: int, dy: int, fill: float, out: Plane) -> None:
 
 
 @fast_kernel
-def fill_new(samples: Plane, picture: Image, image: Image, odds: Plane) -> None:
-    """Give background pixels without data (−1 samples) the colour of `image`, in place.
+def move_object(
+    dx: int, dy: int, odds: Plane, shape: Plane, obj: Plane, odds_out: Plane, shape_out: Plane, obj_out: Plane
+) -> None:
+    """Copy what is known of the object into another window, see :func:`shift`. Images are (h, 3 w) here."""
+    shift(odds, dx, dy, -3.0, odds_out)
+    shift(shape, dx, dy, 0.0, shape_out)
+    shift(obj, 3 * dx, dy, 0.0, obj_out)
 
-    It is taken as known, or as not yet seen where the object may be by its `odds`.
+
+@fast_kernel
+def move_ground(
+    dx: int,
+    dy: int,
+    gain: float,
+    picture: Plane,
+    counts: Image,
+    image: Plane,
+    odds: Plane,
+    picture_out: Plane,
+    counts_out: Image,
+) -> None:
+    """Copy the background into another window, see :func:`shift`, and make it brighter by `gain`.
+
+    Pixels that are new get the colour of `image`. They are taken as known, or as not yet seen where the object may be
+    by its `odds`. Images are (h, 3 w) here; `image` and `odds` are of the new window.
     """
-    h, w, channels = picture.shape
+    shift(picture, 3 * dx, dy, 0.0, picture_out)
+    for i in range(3):
+        shift(counts[i], dx, dy, 0.0, counts_out[i])
+    h, w = odds.shape
+    factor = f32(gain)
     for y in range(h):
-        for x in range(w):
-            if samples[y, x] < f32(0.0):
-                samples[y, x] = KNOWN if odds[y, x] < f32(-1.0) else f32(0.0)
-                for c in range(channels):
-                    picture[y, x, c] = image[y, x, c]
+        if factor != f32(1.0):
+            for i in range(3 * w):
+                picture_out[y, i] *= factor
+        there = y + dy >= 0 and y + dy < picture.shape[0]
+        first = smaller(larger(-dx, 0), w) if there else w
+        last = larger(smaller(picture.shape[1] // 3 - dx, w), first)
+        for side in range(2):
+            for x in range(last if side else 0, w if side else first):
+                counts_out[0, y, x] = KNOWN if odds[y, x] < f32(-1.0) else f32(0.0)
+                for c in range(3):
+                    picture_out[y, 3 * x + c] = image[y, 3 * x + c]
 
 
 @fast_kernel
