@@ -169,13 +169,13 @@ def _settle(raw, mask, foreign, warped, odds):
 
 @fast_part
 def _mean_round(image, mask, wanted, y, x):
-    """Mean colour of the pixels within 3 px of (x, y) that are in the mask, or that are not; and their number."""
+    """Mean colour of the pixels within 3 px of (x, y) whose value in the mask is `wanted`, and their number."""
     h, w = mask.shape
     s0 = s1 = s2 = f32(0.0)
     n = 0
     for j in range(larger(y - 3, 0), smaller(y + 4, h)):
         for i in range(larger(x - 3, 0), smaller(x + 4, w)):
-            if (mask[j, i] != 0) == wanted:
+            if mask[j, i] == wanted:
                 n += 1
                 s0 += image[j, i, 0]
                 s1 += image[j, i, 1]
@@ -214,10 +214,10 @@ def _cut_edge(image, background, counts, noise, least, spare, mask, odds):
             b1 = background[y, x, 1]
             b2 = background[y, x, 2]
             if not known:
-                b0, b1, b2, count = _mean_round(image, wide, False, y, x)
+                b0, b1, b2, count = _mean_round(image, wide, np.uint8(0), y, x)
                 if count == 0:
                     continue
-            o0, o1, o2, count = _mean_round(image, core, True, y, x)
+            o0, o1, o2, count = _mean_round(image, core, np.uint8(1), y, x)
             if count == 0:
                 continue
             o0 -= b0
@@ -265,11 +265,12 @@ def _edges(mask, odds, columns, rows):
     left, right, top, bottom = extremes(mask, odds, columns, rows)
     if right < 0:
         return 0.0, 0.0, 0.0, 0.0
+    back, on = np.int64(-1), np.int64(1)
     return (
-        _crossing(columns, w, left, -1),
-        _crossing(rows, h, top, -1),
-        _crossing(columns, w, right, 1),
-        _crossing(rows, h, bottom, 1),
+        _crossing(columns, w, left, back),
+        _crossing(rows, h, top, back),
+        _crossing(columns, w, right, on),
+        _crossing(rows, h, bottom, on),
     )
 
 
@@ -340,7 +341,7 @@ def label(
     if channels != 3 or background.shape[2] != 3:
         return 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
     kinds = spare[0]
-    area = 0
+    area = np.int64(0)  # of one type from the start, as what is compiled for it is
     for y in range(h):
         for x in range(w):
             area += own[y, x]

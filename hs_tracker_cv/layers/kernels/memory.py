@@ -134,7 +134,7 @@ def learn(
     age = _block()
     known = 0
     strange = 0
-    taken = 0
+    taken = np.int64(0)
     for y in range(h):
         seen = y >= inside[1] and y < inside[3]
         warped_row = y >= part[1] and y < part[3]
