@@ -46,7 +46,6 @@ LAYERS = (
     Stage("layers moved", "layers.labelling", "expect"),
     Stage("evidence", "layers.labelling", "weigh"),
     Stage("labels", "layers.labelling", "assign"),
-    Stage("edge", "layers.mask", "refine_edge", 1),
     Stage("occlusion, box", "layers.tracking", "_judge"),
     Stage("memory", "layers.memory", "learn_frame"),
     Stage("report, next window", "layers.tracking", "_conclude"),

@@ -243,18 +243,12 @@ ABLATIONS: dict[str, Ablation] = {
     "no-growth": Ablation(
         "layers",
         "growth and distractors",
-        (Cut("layers.mask", "grow", lambda _: lambda fresh, *rest: (np.zeros_like(fresh), None)),),
+        (Cut("layers.labelling", "_STEPS", lambda steps: steps._replace(growth=0)),),
     ),
     "no-edge": Ablation(
         "layers",
         "mixed pixels of the edge",
-        (
-            Cut(
-                "layers.mask",
-                "refine_edge",
-                lambda _: lambda image, background, seen, mask, odds, noise: (mask, odds),
-            ),
-        ),
+        (Cut("layers.labelling", "_STEPS", lambda steps: steps._replace(left=1.0)),),
     ),
     "no-occlusion": Ablation("layers", "occlusion", (Cut("layers.occlusion", "judge", _never_occluded),)),
     "no-keys": Ablation(

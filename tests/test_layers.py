@@ -545,16 +545,3 @@ def test_carried_layers_are_the_resampled_ones() -> None:
         np.testing.assert_allclose(after[inner], wanted.reshape(before.shape)[inner], atol=1e-3)
         np.testing.assert_array_equal(after[part[3] :], fill or 0.0)
     np.testing.assert_array_equal(own, out[2] > 0)
-
-
-def test_spreading_is_dilation_within_bounds() -> None:
-    """Growth by some steps is as many dilations, each cut to what is allowed."""
-    rng = np.random.default_rng(4)
-    allowed = (rng.uniform(size=(30, 37)) < 0.6).astype(np.uint8)
-    seed = (rng.uniform(size=(30, 37)) < 0.02).astype(np.uint8)
-    grown, wanted = np.empty_like(seed), seed.copy()
-    kernels.spread(seed, allowed, 4, np.empty_like(seed), grown)
-    for _ in range(4):
-        wanted = np.asarray(cv2.dilate(wanted, np.ones((3, 3), np.uint8))) & (allowed | seed)
-    np.testing.assert_array_equal(grown, wanted & allowed)
-    assert np.count_nonzero(grown) > np.count_nonzero(seed)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..geometry import Box
 from . import colour, motion
 from . import mask as masks
 from .kernels import carry, evidence, label
@@ -29,6 +30,16 @@ class _Gains(NamedTuple):
 
 
 _GAINS = _Gains()
+
+
+class _Steps(NamedTuple):
+    """How far the object may grow in a frame, px; the share of the mask that must be left when its edge is cut."""
+
+    growth: int = 4
+    left: float = 0.6
+
+
+_STEPS = _Steps()
 
 
 class Expected(NamedTuple):
@@ -69,6 +80,19 @@ class Labels(NamedTuple):
     errors: NDArray[np.float32]
     distractor: masks.Mask | None
     bins: NDArray[np.int16]
+
+
+class Sight(NamedTuple):
+    """What is visible of the object.
+
+    Inside the frame the pixels of the remembered shape, those of them in the mask, and those of the mask; and the
+    mask's box, window px: where the largest of the odds per row or column crosses zero.
+    """
+
+    area: int
+    both: int
+    seen: int
+    box: Box | None
 
 
 def expect(state: LayersState, moves: motion.Moves) -> Expected:
@@ -170,24 +194,20 @@ def assign(
     seen: Evidence,
     hiding: masks.Mask | None,
     params: LayersParams,
-) -> Labels:
-    """Mask of the object from the evidence; the ratio is changed where the object grows or something else arrives."""
+) -> tuple[Labels, Sight]:
+    """Mask of the object from the evidence, which is changed where the object grows or something else arrives."""
     h, w = view.gray.shape
-    errors, fresh, _ = seen
-    grown, distractor = masks.grow(fresh, expected.own, state.distractor, state.count)
-    if distractor is not None and (state.occlusion.occluded or state.occlusion.coasting):
-        distractor = None  # what comes out from behind something may be the object itself
-        grown[grown == 2] = 0
-    if hiding is not None:
-        distractor = hiding if distractor is None else distractor | hiding
-        grown[hiding != 0] = 3
-    ratio, trust = colour.likelihood(state.colours, params.colour_weight)
-    bins, raw = np.empty((h, w), np.int16), np.empty((h, w), np.float32)
-    label(view.image, expected.odds, errors[0], grown, ratio, trust, bins, raw)
-    mask = masks.component(raw, expected.own)
-    odds = np.where((raw > 0) > mask, np.float32(-1.0), raw)
-    if distractor is not None:
-        foreign = (distractor != 0) & (expected.odds < 1.0)
-        odds[foreign] = np.minimum(odds[foreign], np.float32(-2.0))
-    mask, odds = masks.refine_edge(view.image, expected.background, expected.seen, mask, odds, state.noise)
-    return Labels(mask, odds, raw, errors, distractor, bins)
+    mask, foreign = np.empty((h, w), np.uint8), np.empty((h, w), np.uint8)
+    raw, odds, bins = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w), np.int16)
+    spare, runs = np.empty((5, h, w), np.uint8), np.empty((h * (w // 2 + 1), 6), np.int32)
+    lines = np.empty((3, max(h, w, colour.BINS)), np.float32)
+    # what comes out from behind something may be the object itself
+    emerging = bool(state.occlusion.occluded or state.occlusion.coasting)
+    others, area, both, visible, *edges = label(
+        view.image, expected.background, moves.atlas.counts, expected.odds, expected.own, expected.shape, seen.errors,
+        seen.fresh, masks.for_kernel(state.distractor), masks.for_kernel(hiding), emerging, state.colours,
+        params.colour_weight, state.noise, _STEPS.growth, state.count <= 2, _STEPS.left, view.inside, spare, runs,
+        lines, bins, raw, odds, mask, foreign,
+    )  # fmt: skip
+    box = Box.from_edges(*edges) if edges[0] < edges[2] else None
+    return Labels(mask, odds, raw, seen.errors, foreign if others else None, bins), Sight(area, both, visible, box)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from . import background as ground
 from . import colour, motion
-from . import mask as masks
-from .kernels import KNOWN, label, learn, move_object
+from .kernels import KNOWN, bin_colours, learn, move_object
 from .labelling import Expected, Labels
+from .mask import for_kernel
 from .state import Atlas, Image, LayersState, Plane
 from .window import Picture, View, shifted_mask, transformed, translated
 
@@ -62,9 +62,7 @@ def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int
     counts = np.zeros((3, h, w), np.float32)
     counts[0] = np.where(square > 1.0, KNOWN, np.float32(0.0))
     bins = np.empty((h, w), np.int16)
-    blank = np.zeros((h, w), np.float32)
-    none = np.zeros(colour.BINS, np.float32)
-    label(image, blank, blank.copy(), np.zeros((h, w), np.uint8), none, 0.0, bins, blank.copy())
+    bin_colours(image, bins)
     tally = [np.bincount(bins[where], minlength=colour.BINS) for where in (ellipse <= 0.9, square > 1.0)]
     colours = colour.histograms(np.array(tally, np.float32))
     return Seed(odds, (odds > 0).astype(np.float32), Atlas(image, counts), colours, bins)
@@ -94,24 +92,19 @@ def learn_frame(
     """
     atlas = moves.atlas
     aligned = translated(view.image, -atlas.offset[0], -atlas.offset[1])
-    near = masks.dilate(labels.mask | expected.own, 5)
-    if labels.distractor is not None:  # a second mover is neither ground to be learned nor noise
-        near[(labels.distractor != 0) & (near == 0)] = 2
-    odds, shape = np.empty_like(expected.odds), np.empty_like(expected.shape)
+    h, w = view.gray.shape
+    odds, shape = np.empty((h, w), np.float32), np.empty((h, w), np.float32)
     obj, picture, counts = np.empty_like(expected.obj), np.empty_like(atlas.image), np.empty_like(atlas.counts)
-    tally = np.zeros(state.colours.shape, np.float32)
-    sums = np.zeros(3)
-    rate = 0.3 if state.count < _YOUNG else 0.08
-    knobs = np.array((rate, float(hidden or suspected), float(hidden)), np.float32)
-    learn(
-        view.image, aligned, labels.mask, near, labels.odds, labels.raw, expected.odds, expected.obj, expected.shape,
-        labels.errors, labels.bins, atlas.image, atlas.counts, expected.part, view.inside, knobs,
-        odds, obj, shape, picture, counts, tally, np.empty(2000, np.float32), sums,
+    colours, tally = np.empty_like(state.colours), np.empty_like(state.colours)
+    known, strange, spread = learn(
+        view.image, aligned, labels.mask, expected.own, for_kernel(labels.distractor),
+        labels.odds, labels.raw, expected.odds, expected.obj, expected.shape, labels.errors, labels.bins, atlas.image,
+        atlas.counts, expected.part, view.inside, 0.3 if state.count < _YOUNG else 0.08, hidden or suspected, hidden,
+        state.colours, 0.0 if hidden else _COLOUR_RATE, np.empty((3, h, w), np.uint8), tally,
+        np.empty(2000, np.float32), odds, obj, shape, picture, counts, colours,
     )  # fmt: skip
     if hidden:
         odds = np.clip(8.0 * (expected.shape - np.float32(0.5)), -2.0, 1.0).astype(np.float32)
-    colours = state.colours if hidden else colour.blend(state.colours, tally, _COLOUR_RATE)
-    known, strange, spread = sums.tolist()
     noise = state.noise
     if spread >= 0:
         low, high = _NOISE_RANGE
@@ -119,7 +112,7 @@ def learn_frame(
         # too low a first guess would make the whole background look new, so it is corrected at once
         noise += change * (max(0.2, 1.0 / (state.count + 1)) if change > 0 else 0.2)
     learned = Atlas(picture, counts, atlas.offset)
-    return Learned(odds, shape, obj, learned, colours, noise, strange / max(known, 1.0))
+    return Learned(odds, shape, obj, learned, colours, noise, strange / max(known, 1))
 
 
 def move(state: LayersState, picture: Picture, origin: tuple[int, int]) -> LayersState:

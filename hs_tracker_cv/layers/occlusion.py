@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Box
-from .kernels import overlap, search_shift
+from .kernels import search_shift
 from .mask import Mask
 from .state import Image, LayersParams, Occlusion, Plane
 
@@ -18,13 +18,13 @@ _SPAN = 4  # frames over which a side must have moved
 _UNCONFIRMED = 12  # frames after which a suspicion is dropped
 
 
-def visible_share(mask: Mask, shape: Plane, inside: NDArray[np.int64], *, hidden: bool) -> float:
+def visible_share(area: int, both: int, seen: int, *, hidden: bool) -> float:
     """Visible share of that part of the remembered shape that lies in the frame; 0 when none does.
 
-    An area that has only changed its form counts as visible, since deformation roughly conserves area; and what comes
-    out after it was `hidden` need not be where it was expected.
+    `area` is that of the shape there, `seen` that of the mask, `both` what they have in common. An area that has only
+    changed its form counts as visible, since deformation roughly conserves area; and what comes out after it was
+    `hidden` need not be where it was expected.
     """
-    area, both, seen = overlap(mask, shape, inside)
     if area == 0:
         return 0.0
     ratio = both / area

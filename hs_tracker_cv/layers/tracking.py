@@ -14,7 +14,7 @@ from ..geometry import Box
 from . import labelling, memory, motion
 from . import mask as masks
 from . import occlusion as hiding
-from .labelling import Expected, Labels
+from .labelling import Expected, Labels, Sight
 from .memory import Learned
 from .state import LayersParams, LayersReport, LayersState, Occlusion
 from .window import View, grab, lattice_step, look, place_window
@@ -120,8 +120,8 @@ def step(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
         if shift != (0, 0):
             expected, moves = labelling.displace(expected, shift), motion.displace(moves, shift)
             evidence = labelling.weigh(state, view, expected, moves)
-    labels = labelling.assign(state, view, expected, moves, evidence, in_front, params)
-    outcome = _judge(state, view, moves, expected, labels, in_front, evidence.alike, params)
+    labels, sight = labelling.assign(state, view, expected, moves, evidence, in_front, params)
+    outcome = _judge(state, moves, expected, sight, in_front, evidence.alike, params)
     hidden = outcome.occlusion.occluded or outcome.occlusion.coasting > 0
     learned = memory.learn_frame(
         state, view, moves, expected, labels, hidden=hidden, suspected=outcome.occlusion.suspected > 0
@@ -232,10 +232,9 @@ def _search(
 
 def _judge(
     state: LayersState,
-    view: View,
     moves: motion.Moves,
     expected: Expected,
-    labels: Labels,
+    sight: Sight,
     in_front: masks.Mask | None,
     alike: float,
     params: LayersParams,
@@ -243,11 +242,11 @@ def _judge(
     """Occlusion, box and motion after labelling."""
     was_hidden = state.occlusion.coasting > 0
     usable = moves.contrast >= 0.2 and state.count >= _YOUNG
-    share = hiding.visible_share(labels.mask, expected.shape, view.inside, hidden=was_hidden)
+    share = hiding.visible_share(sight.area, sight.both, sight.seen, hidden=was_hidden)
     vanished = alike < _ALIKE * share and usable and (state.occlusion.vanished or not state.occlusion.occluded)
     if vanished:  # what is there is not the object, whatever it may be
         share = min(share, alike)
-    box = masks.box_of(labels.mask, labels.odds)
+    box = sight.box
     covered = False
     if in_front is not None:
         shape = expected.shape > 0.5

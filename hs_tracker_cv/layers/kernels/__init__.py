@@ -8,30 +8,35 @@ and `grid` is (cx, cy, scale).
 
 from __future__ import annotations
 
+from .colour import bin_colours, blend, likelihood
 from .common import FAR_OFF, KNOWN
-from .labelling import alpha_edge, evidence, label
+from .evidence import evidence
+from .labelling import label
 from .memory import learn
 from .motion import foresee, measure, search_shift, start_flow
 from .registration import collect, gauss_newton, residual
-from .shapes import extremes, overlap, spread
+from .shapes import components, invert, median, spread, widen, widen_cross, without
 from .windows import carry, move_ground, move_object, resample, shift, smooth
 
 __all__ = [
     "FAR_OFF",
     "KNOWN",
-    "alpha_edge",
+    "bin_colours",
+    "blend",
     "carry",
     "collect",
+    "components",
     "evidence",
-    "extremes",
     "foresee",
     "gauss_newton",
+    "invert",
     "label",
     "learn",
+    "likelihood",
     "measure",
+    "median",
     "move_ground",
     "move_object",
-    "overlap",
     "resample",
     "residual",
     "search_shift",
@@ -39,4 +44,7 @@ __all__ = [
     "smooth",
     "spread",
     "start_flow",
+    "widen",
+    "widen_cross",
+    "without",
 ]

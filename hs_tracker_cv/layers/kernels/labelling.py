@@ -1,4 +1,4 @@
-"""Which pixels are the object."""
+"""Which pixels are the object: the mask, its log-odds, and what is visible of it."""
 
 # Parts have no types of their own: Numba infers them.
 # mypy: allow-untyped-defs, no-check-untyped-defs, allow-untyped-calls
@@ -6,282 +6,165 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiling import larger, local, smaller
-from .common import KNOWN, Bins, Image, Integers, Mask, Plane, Row, fast_kernel, fast_part
+from ...compiling import larger, smaller
+from .colour import bin_row, likelihood
+from .common import KNOWN, Bins, Image, Integers, Mask, Masks, Plane, Runs, fast_kernel, fast_part
+from .shapes import (
+    RUN_AREA,
+    RUN_COMMON,
+    RUN_END,
+    RUN_FIRST,
+    RUN_HEAD,
+    RUN_ROW,
+    components,
+    extremes,
+    invert,
+    median,
+    overlap,
+    spread,
+    widen,
+    widen_cross,
+    without,
+)
 
 f32 = np.float32
-_THIRD = np.float32(1.0 / 3.0)
-_BLOCK = 64  # pixels at a time: results first go to short arrays on the stack, which overlap with nothing
 
-_block = local(_BLOCK)
-
-
-@fast_part
-def _products(a, b, y, rows, first, second):
-    """Channel sums of a · b and b · b along a row."""
-    for x in range(a.shape[1]):
-        b0 = b[y, x, 0]
-        b1 = b[y, x, 1]
-        b2 = b[y, x, 2]
-        rows[first, x] = a[y, x, 0] * b0 + a[y, x, 1] * b1 + a[y, x, 2] * b2
-        rows[second, x] = b0 * b0 + b1 * b1 + b2 * b2
+# What is new at a pixel.
+_GROWN, _FOREIGN, _HIDING = 1, 2, 3
 
 
 @fast_part
-def _slopes(a, y, rows, target):
-    """Mean over the channels of the squared gradient along a row."""
-    h, w, _ = a.shape
-    up = larger(y - 1, 0)
-    down = smaller(y + 1, h - 1)
-    unit = _THIRD * f32(0.25)  # (difference over two pixels)² is four times the gradient squared
-    for x in range(w):
-        d0 = a[down, x, 0] - a[up, x, 0]
-        d1 = a[down, x, 1] - a[up, x, 1]
-        d2 = a[down, x, 2] - a[up, x, 2]
-        rows[target, x] = unit * (d0 * d0 + d1 * d1 + d2 * d2)
-    for x in range(1, w - 1):
-        d0 = a[y, x + 1, 0] - a[y, x - 1, 0]
-        d1 = a[y, x + 1, 1] - a[y, x - 1, 1]
-        d2 = a[y, x + 1, 2] - a[y, x - 1, 2]
-        rows[target, x] += unit * (d0 * d0 + d1 * d1 + d2 * d2)
-    for c in range(3):
-        first = a[y, 1, c] - a[y, 0, c]
-        last = a[y, w - 1, c] - a[y, w - 2, c]
-        rows[target, 0] += unit * first * first
-        rows[target, w - 1] += unit * last * last
+def _distant(apart, near, smallest, runs, out):
+    """Write the components that don't touch `near` and are not tiny."""
+    n, _ = components(apart, near, runs)
+    for i in range(n):
+        head = runs[i, RUN_HEAD]
+        if runs[head, RUN_COMMON] == 0 and runs[head, RUN_AREA] >= smallest:
+            for x in range(runs[i, RUN_FIRST], runs[i, RUN_END]):
+                out[runs[i, RUN_ROW], x] = 1
 
 
 @fast_part
-def _add_five(rows, group, y, h, w, target):
-    """Sum of the rows y − 2 … y + 2 of a group, reflected at the border; the sum begins at column 2."""
-    a = group + abs(y - 2) % 5
-    b = group + abs(y - 1) % 5
-    c = group + y % 5
-    d = group + (y + 1 if y + 1 < h else h - 2) % 5
-    e = group + (y + 2 if y + 2 < h else 2 * h - y - 4) % 5
-    for x in range(w):
-        rows[target, x + 2] = rows[a, x] + rows[b, x] + rows[c, x] + rows[d, x] + rows[e, x]
-    rows[target, 1] = rows[target, 3]
-    rows[target, 0] = rows[target, 4]
-    rows[target, w + 2] = rows[target, w]
-    rows[target, w + 3] = rows[target, w - 1]
+def _arrivals(fresh, own, before, area, emerging, reach, young, spare, runs, kinds, foreign):
+    """Tell where the object has grown from where something else has arrived, which `foreign` shows.
 
-
-@fast_kernel
-def evidence(
-    image: Image,
-    background: Image,
-    moved: Image,
-    carried: Image,
-    obj: Image,
-    warped: Plane,
-    counts: Image,
-    part: Integers,
-    inside: Integers,
-    knobs: Row,
-    rows: Plane,
-    out: Image,
-    fresh: Mask,
-) -> float:
-    """Log-likelihood ratio, object against background, per pixel.
-
-    Parameters are windows: current image, background layer, previous image moved by the camera and by the object's
-    motion, object layer and log-odds warped by the object's motion, the background's counts. `part` (x0, y0, x1, y1)
-    is where the object layer has been warped; elsewhere nothing can be the object but what is new.
-    knobs = (tau_b², tau_o², κ, motion contrast, occluded, noise, least and greatest gain of the background and of
-    the object). `rows` (27, w + 4) is a workspace.
-    out[0] log-likelihood ratio, out[1] error against the background (any explanation), out[2] local gain of the
-    background, out[3] error against the previous image where the background is not yet known. `fresh` is 1 where
-    something new covers a background that was seen a moment ago.
-    Returns the share of the object's pixels that look about as they did.
+    Only what covers a background seen a moment ago (`fresh`) counts: this excludes ghosts and lifted shadows. What is
+    new within `reach` px of the object belongs to it, unless it is too `young` to grow; to it, or to the distractor
+    of the frame `before`. What comes out from behind something (`emerging`) may be the object itself.
     """
-    h, w, channels = image.shape
-    if channels != 3 or background.shape[2] != 3 or obj.shape[2] != 3 or moved.shape[2] != 3 or carried.shape[2] != 3:
-        return 0.0  # from here on LLVM knows it, and can vectorise
-    tau_b = knobs[0]
-    tau_o = knobs[1]
-    unit = knobs[2] * _THIRD
-    contrast = knobs[3]
-    occluded = knobs[4]
-    noise = knobs[5]
-    noise2 = noise * noise
-    like = (f32(6.0) * noise + f32(6.0)) * (f32(6.0) * noise + f32(6.0)) * f32(3.0)
-    texture = larger(f32(2.0), f32(0.8) * noise)
-    own = f32(0.0)
-    alike = f32(0.0)
-    direct = _block()
-    error_b = _block()
-    error_o = _block()
-    gain = _block()
-    still = _block()
-    other = _block()
-    ratio = _block()
-    for ahead in range(h + 2):
-        # products of five rows are kept, in turn: row r at r % 5 of each group of five
-        if ahead < h:
-            for side in range(2):
-                layer = obj if side else background
-                _products(image, layer, ahead, rows, 10 * side + ahead % 5, 10 * side + 5 + ahead % 5)
-        y = ahead - 2
-        if y < 0:
-            continue
-        touched = y >= part[1] and y < part[3]
-        for x in range(w):
-            i0 = image[y, x, 0]
-            i1 = image[y, x, 1]
-            i2 = image[y, x, 2]
-            rows[26, x] = i0 * i0 + i1 * i1 + i2 * i2
-        for side in range(2 if touched else 1):
-            layer = obj if side else background
-            _slopes(layer, y, rows, 20 + side)
-        for group in range(4 if touched else 2):
-            _add_five(rows, 5 * group, y, h, w, 22 + group)
-        slot = y % 5
-        for first in range(0, w, _BLOCK):
-            m = smaller(w - first, _BLOCK)
-            unknown = 0
-            for i in range(m):
-                unknown += 1 if counts[0, y, first + i] < KNOWN else 0
-                error_o[i] = 5.0
-                still[i] = 1e9
-                other[i] = 1e9
-            if unknown > 0:
-                for i in range(m):
-                    x = first + i
-                    i0 = image[y, x, 0]
-                    i1 = image[y, x, 1]
-                    i2 = image[y, x, 2]
-                    d0 = i0 - moved[y, x, 0]
-                    d1 = i1 - moved[y, x, 1]
-                    d2 = i2 - moved[y, x, 2]
-                    e0 = i0 - carried[y, x, 0]
-                    e1 = i1 - carried[y, x, 1]
-                    e2 = i2 - carried[y, x, 2]
-                    new = counts[0, y, x] < KNOWN
-                    still[i] = d0 * d0 + d1 * d1 + d2 * d2 if new else f32(1e9)
-                    other[i] = e0 * e0 + e1 * e1 + e2 * e2 if new else f32(1e9)
-            for i in range(m):
-                x = first + i
-                n = counts[0, y, x]
-                ib = rows[slot, x]
-                bb = rows[5 + slot, x]
-                ii = rows[26, x]
-                crossed = rows[22, x] + rows[22, x + 1] + rows[22, x + 2] + rows[22, x + 3] + rows[22, x + 4]
-                squared = rows[23, x] + rows[23, x + 1] + rows[23, x + 2] + rows[23, x + 3] + rows[23, x + 4]
-                g = (crossed + f32(1250.0)) / (squared + f32(1250.0))
-                g = smaller(larger(g, knobs[6]), knobs[7])
-                grad = rows[20, x]
-                var = noise2 * (f32(1.0) + f32(1.0) / larger(n, f32(1.0))) + tau_b * grad
-                per = unit / var
-                plain = larger(ii - f32(2.0) * ib + bb, f32(0.0)) * per
-                # a shadow leaves the texture: where there is some, to be explained that way is no accident, unless
-                # there is so much noise that a dark object would do as well
-                lit = larger(ii - f32(2.0) * g * ib + g * g * bb, f32(0.0))
-                shaded = lit * per + texture * noise2 / (noise2 + grad)
-                lifted = lit * unit / (var + f32(0.0025) * _THIRD * bb) + f32(3.0)
-                e = plain
-                e = smaller(e, shaded) if g < f32(0.97) else e
-                e = smaller(e, lifted) if g > f32(1.03) else e
-                rest = still[i] * unit / (f32(2.0) * noise2 + tau_b * grad)
-                direct[i] = plain
-                gain[i] = g
-                still[i] = rest
-                error_b[i] = smaller(np.float64(e), rest)
-            if touched:
-                low = larger(part[0] - first, 0)
-                high = smaller(part[2] - first, m)
-                for i in range(low, high):
-                    x = first + i
-                    io = rows[10 + slot, x]
-                    oo = rows[15 + slot, x]
-                    ii = rows[26, x]
-                    crossed = rows[24, x] + rows[24, x + 1] + rows[24, x + 2] + rows[24, x + 3] + rows[24, x + 4]
-                    squared = rows[25, x] + rows[25, x + 1] + rows[25, x + 2] + rows[25, x + 3] + rows[25, x + 4]
-                    g = (crossed + f32(1250.0)) / (squared + f32(1250.0))
-                    g = smaller(larger(g, knobs[8]), knobs[9])
-                    plain = larger(ii - f32(2.0) * io + oo, f32(0.0))
-                    lit = larger(ii - f32(2.0) * g * io + g * g * oo, f32(0.0))
-                    grad = tau_o * rows[21, x]
-                    var = f32(1.5) * noise2 + grad
-                    e = smaller(plain, lit + var / unit) * unit / var
-                    # where the background may be explained by the last frame, the object may be too: a plain area
-                    # looks as it looked a moment ago with either motion
-                    last = other[i] * unit / (f32(2.0) * noise2 + grad)
-                    s = warped[y, x]
-                    error_o[i] = smaller(np.float64(e), last) if s >= f32(-0.5) else 5.0
-                    mine = f32(1.0) if s > f32(0.0) else f32(0.0)
-                    own += mine
-                    alike += mine if smaller(plain, f32(4.0) * lit) < like else f32(0.0)
-            for i in range(m):
-                x = first + i
-                n = counts[0, y, x]
-                s = warped[y, x]
-                known = n >= KNOWN
-                e = error_b[i]
-                ll = 0.5 * (smaller(e, 9.0 if known else 4.0) - smaller(error_o[i], 5.0))
-                as_ever = 0.8 * contrast * (1.0 - 0.25 * e)
-                ll -= as_ever if known & (e < 4.0) else 0.0
-                ll *= contrast if (contrast < 0.99) & (ll < 0.0) & (n < 7.0) & (s > 0.0) else 1.0
-                ll = smaller(ll, -1.5) if (occluded > 0.0) & (n > KNOWN) & (e < 2.0) else ll
-                far = (s < -2.5) & known & (direct[i] < 2.0)  # far from the object and as ever
-                ratio[i] = 0.5 * (direct[i] - 5.0) if far else ll
-                error_b[i] = direct[i] if far else e
-                still[i] = 0.0 if known else still[i]
-            for i in range(m):
-                out[0, y, first + i] = ratio[i]
-                out[1, y, first + i] = error_b[i]
-                out[2, y, first + i] = gain[i]
-                out[3, y, first + i] = still[i]
-            for i in range(m):
-                x = first + i
-                new = (error_b[i] >= 7.2) & (counts[0, y, x] > KNOWN) & (counts[2, y, x] <= 4.0)
-                fresh[y, x] = 1 if new else 0
-        within = y >= inside[1] and y < inside[3]
-        for side in range(2):
-            for x in range(inside[2] if side and within else 0, inside[0] if within and not side else w):
-                fresh[y, x] = 0
-                out[0, y, x] = -2.0
-                out[1, y, x] = 0.0
-                out[2, y, x] = 1.0
-                out[3, y, x] = 0.0
-    return float(alike / larger(own, f32(1.0)))
-
-
-@fast_kernel
-def label(
-    image: Image, warped: Plane, ll: Plane, grown: Mask, ratio: Row, trust: float, bins: Bins, out: Plane
-) -> None:
-    """Log-odds of object after this frame's evidence: 0.9 warped + 0.7 ll + trust · colour ratio.
-
-    `grown` is 1 where the object has grown, 2 on a distractor, 3 where that covers the object; `ll` is changed there.
-    `ratio` is the log-ratio of the colour histograms per bin, clipped; `bins` receives each pixel's bin.
-    """
-    h, w, channels = image.shape
-    if channels != 3:
+    h, w = own.shape
+    new = spare[1]
+    apart = spare[2]
+    near = spare[3]
+    held = spare[4]
+    median(fresh, held, new)
+    if without(new, own, apart) == 0 or area == 0:
         return
-    weight = f32(trust)
+    widen(own, reach, held, near)
+    far = without(apart, near, held)
+    if far > 0:
+        _distant(apart, near, larger(8.0, 0.02 * area), runs, foreign)
+    if before.shape[0] > 0:
+        widen(before, 3, held, near)
+        for y in range(h):
+            for x in range(w):
+                foreign[y, x] |= apart[y, x] & near[y, x]
+    if not young and far < 0.03 * (h * w):
+        for y in range(h):
+            for x in range(w):
+                kinds[y, x] = own[y, x]
+                new[y, x] &= foreign[y, x] ^ 1
+        spread(new, reach, held, kinds)
     for y in range(h):
         for x in range(w):
-            blue = np.int32(image[y, x, 0])
-            green = np.int32(image[y, x, 1])
-            red = np.int32(image[y, x, 2])
-            bins[y, x] = ((blue >> 5) << 6) + ((green >> 5) << 3) + (red >> 5)
+            kinds[y, x] &= new[y, x]
+            foreign[y, x] = 0 if emerging else foreign[y, x]
+            kinds[y, x] |= foreign[y, x] << 1
+
+
+@fast_part
+def _log_odds(image, warped, evidence, kinds, ratio, trust, bins, out):
+    """Log-odds of object after this frame's evidence: 0.9 warped + 0.7 evidence + trust · colour ratio.
+
+    The evidence, its first plane, is changed where something is new. `ratio` is the log-ratio of the colour
+    histograms per bin, clipped; `bins` receives each pixel's bin.
+    """
+    h, w, _ = image.shape
+    weight = f32(trust)
+    for y in range(h):
+        bin_row(image, y, bins)
         for x in range(w):
-            e = ll[y, x]
+            e = evidence[0, y, x]
             s = warped[y, x]
-            kind = grown[y, x]
+            kind = kinds[y, x]
             if kind != 0:
-                if kind == 1:
+                if kind == _GROWN:
                     e = larger(e, f32(2.0))
                     s = larger(s, f32(-0.5))
-                elif kind == 3:
+                elif kind == _HIDING:
                     e = smaller(e, f32(-2.0))
                     s = smaller(s, f32(-1.0))
                 elif s < f32(1.0):
                     e = smaller(e, f32(-1.0))
-                ll[y, x] = e
+                evidence[0, y, x] = e
             p = f32(0.9) * s + f32(0.7) * e + weight * ratio[np.int64(bins[y, x])]
             out[y, x] = smaller(larger(p, f32(-5.0)), f32(5.0))
+
+
+@fast_part
+def _open(mask, area, spare):
+    """Remove from the mask of a large object what is thinner than 3 px, of a middling one what holds no cross."""
+    inverse = spare[1]
+    wide = spare[2]
+    held = spare[3]
+    if area <= 150:
+        return
+    invert(mask, inverse)
+    if area > 800:
+        widen(inverse, 1, held, wide)
+        invert(wide, inverse)
+        widen(inverse, 1, held, mask)
+    else:
+        widen_cross(inverse, wide)
+        invert(wide, inverse)
+        widen_cross(inverse, mask)
+
+
+@fast_part
+def _own_component(mask, own, area, runs):
+    """Keep the component that overlaps most with where the object was expected, and its parts."""
+    n, heads = components(mask, own, runs)
+    if heads <= 1:
+        return
+    best = 0
+    for i in range(n):
+        if runs[i, RUN_HEAD] == i and runs[i, RUN_COMMON] > runs[best, RUN_COMMON]:
+            best = i
+    for i in range(n):
+        head = runs[i, RUN_HEAD]
+        common = runs[head, RUN_COMMON]
+        part = common > 0.03 * area and common > 0.5 * runs[head, RUN_AREA]
+        if not part and (head != best or common == 0):
+            for x in range(runs[i, RUN_FIRST], runs[i, RUN_END]):
+                mask[runs[i, RUN_ROW], x] = 0
+
+
+@fast_part
+def _settle(raw, mask, foreign, warped, odds):
+    """Write the log-odds, lowered where they are positive outside the mask, and where something else is.
+
+    Returns on how many pixels that is.
+    """
+    h, w = mask.shape
+    others = 0
+    for y in range(h):
+        for x in range(w):
+            p = raw[y, x]
+            p = f32(-1.0) if (p > f32(0.0)) & (mask[y, x] == 0) else p
+            other = (foreign[y, x] != 0) & (warped[y, x] < f32(1.0))
+            odds[y, x] = smaller(p, f32(-2.0)) if other else p
+            others += foreign[y, x]
+    return others
 
 
 @fast_part
@@ -301,38 +184,32 @@ def _mean_round(image, mask, wanted, y, x):
     return s0 * share, s1 * share, s2 * share, n
 
 
-@fast_kernel
-def alpha_edge(
-    image: Image,
-    background: Image,
-    seen: Plane,
-    core: Mask,
-    wide: Mask,
-    mask: Mask,
-    noise: float,
-    odds: Plane,
-    odds_out: Plane,
-    kept: Mask,
-) -> tuple[int, int]:
-    """Mixed pixels of the mask's edge: α of I = α o + (1 − α) b, and the odds lowered where α says background.
+@fast_part
+def _cut_edge(image, background, counts, noise, least, spare, mask, odds):
+    """Cut mixed edge pixels that are mostly background: α of I = α o + (1 − α) b, and the odds lowered by it.
 
-    `kept` is what is left of the mask. Returns its number of pixels before and after.
-
-    o is the mean of the `core` pixels within 3 px, b the background, or, where that was never seen, the mean of the
-    pixels outside `wide` within 3 px.
+    o is the mean of the core's pixels within 3 px, b the background, or, where that was never seen, the mean of the
+    pixels well outside within 3 px. Returns whether more than the share `least` of the mask is left; if not, the mask
+    is as it was, but not the odds.
     """
-    h, w, channels = image.shape
-    if channels != 3 or background.shape[2] != 3:
-        return 0, 0
+    h, w = mask.shape
+    kept = spare[0]
+    core = spare[1]
+    wide = spare[2]
+    held = spare[3]
+    for reach in range(2, 0, -1):  # of a thin object hardly anything is farther inside
+        invert(mask, kept)
+        widen(kept, reach, held, wide)
+        if invert(wide, core) >= 9:
+            break
+    widen(mask, 1, held, wide)
     flat = f32(36.0 * noise * noise + 100.0)
     before = after = 0
     for y in range(h):
         for x in range(w):
-            odds_out[y, x] = odds[y, x]
-        for x in range(w):
             if mask[y, x] == 0 or core[y, x] != 0:
                 continue
-            known = seen[y, x] >= KNOWN
+            known = counts[0, y, x] >= KNOWN
             b0 = background[y, x, 0]
             b1 = background[y, x, 1]
             b2 = background[y, x, 2]
@@ -355,10 +232,139 @@ def alpha_edge(
             alpha = (o0 * e0 + o1 * e1 + o2 * e2) / span
             rest = e0 * e0 + e1 * e1 + e2 * e2 - alpha * alpha * span
             if alpha < f32(0.7) and rest < f32(0.15) * span:
-                odds_out[y, x] = smaller(odds[y, x], larger(f32(8.0) * (alpha - f32(0.5)), f32(-3.0)))
+                odds[y, x] = smaller(odds[y, x], larger(f32(8.0) * (alpha - f32(0.5)), f32(-3.0)))
         for x in range(w):
-            left = mask[y, x] if odds_out[y, x] > f32(0.0) else 0
+            left = mask[y, x] if odds[y, x] > f32(0.0) else 0
             kept[y, x] = left
             before += mask[y, x]
             after += left
-    return before, after
+    if after <= least * before:
+        return False
+    for y in range(h):
+        for x in range(w):
+            mask[y, x] = kept[y, x]
+    return True
+
+
+@fast_part
+def _crossing(values, n, last, step):
+    """Edge, px, where the profile crosses zero between the last pixel inside and the next one."""
+    edge = last + 0.5 + 0.5 * step
+    beyond = last + step
+    if beyond < 0 or beyond >= n or values[last] <= f32(0.0) or values[beyond] >= f32(0.0):
+        return edge
+    inner = 1.0 * values[last]
+    # equal odds on both sides put the edge where the pixels meet
+    return edge + step * (inner / (inner - values[beyond]) - 0.5)
+
+
+@fast_part
+def _edges(mask, odds, columns, rows):
+    """Left, top, right and bottom of a mask: where the largest of the odds per row or column crosses zero."""
+    h, w = mask.shape
+    left, right, top, bottom = extremes(mask, odds, columns, rows)
+    if right < 0:
+        return 0.0, 0.0, 0.0, 0.0
+    return (
+        _crossing(columns, w, left, -1),
+        _crossing(rows, h, top, -1),
+        _crossing(columns, w, right, 1),
+        _crossing(rows, h, bottom, 1),
+    )
+
+
+@fast_kernel
+def label(
+    image: Image,
+    background: Image,
+    counts: Image,
+    warped: Plane,
+    own: Mask,
+    shape: Plane,
+    evidence: Image,
+    fresh: Mask,
+    before: Mask,
+    hiding: Mask,
+    emerging: bool,
+    colours: Plane,
+    weight: float,
+    noise: float,
+    growth: int,
+    young: bool,
+    least: float,
+    inside: Integers,
+    spare: Masks,
+    runs: Runs,
+    lines: Plane,
+    bins: Bins,
+    raw: Plane,
+    odds: Plane,
+    mask: Mask,
+    foreign: Mask,
+) -> tuple[int, int, int, int, float, float, float, float]:
+    """Mask of the object from the evidence, and what is visible of it.
+
+    Parameters
+    ----------
+    image, background, counts
+        This frame, and the background with its counts.
+    warped, own, shape
+        The object's log-odds, {log-odds > 0} and slow shape where they are expected.
+    evidence, fresh
+        What :func:`evidence` wrote. The ratio, its first plane, is changed where something is new.
+    before, hiding
+        Masks of the last frame's distractor, and of where it hides the object; of 0 × 0 pixels if there is none.
+    emerging
+        The object may be coming out from behind something.
+    colours, weight
+        Histograms of object and background, and how much they count.
+    noise
+        Gray levels.
+    growth, young, least
+        Px by which the object may grow (0: what is new says nothing), and whether its motion is too little known for
+        that; share of the mask that must be left when its edge is cut.
+    inside
+        Part of the window inside the frame.
+    spare, runs, lines
+        Workspaces: (5, h, w), (as many runs as there can be, 6) and (3, as many as bins, columns or rows).
+    bins, raw, odds, mask, foreign
+        Receive the bin of each colour, the log-odds as they come out of evidence and colour, the log-odds with all
+        that is known of shape, the mask, and the distractor.
+
+    Returns
+    -------
+    Pixels of the distractor; inside the frame pixels of the shape, of these in the mask, and of the mask; left, top,
+    right and bottom of the mask, all 0 if it is empty.
+    """
+    h, w, channels = image.shape
+    if channels != 3 or background.shape[2] != 3:
+        return 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
+    kinds = spare[0]
+    area = 0
+    for y in range(h):
+        for x in range(w):
+            area += own[y, x]
+            kinds[y, x] = 0
+            foreign[y, x] = 0
+    if growth > 0:
+        _arrivals(fresh, own, before, area, emerging, growth, young, spare, runs, kinds, foreign)
+    if hiding.shape[0] > 0:
+        for y in range(h):
+            for x in range(w):
+                kinds[y, x] = _HIDING if hiding[y, x] != 0 else kinds[y, x]
+                foreign[y, x] |= hiding[y, x]
+    ratio = lines[0]
+    # histograms that overlap tell next to nothing
+    trust = weight * larger(0.0, 1.1 - likelihood(colours, ratio))
+    _log_odds(image, warped, evidence, kinds, ratio, trust, bins, raw)
+    for y in range(h):
+        for x in range(w):
+            mask[y, x] = 1 if raw[y, x] > f32(0.0) else 0
+    _open(mask, area, spare)
+    _own_component(mask, own, area, runs)
+    others = _settle(raw, mask, foreign, warped, odds)
+    if not _cut_edge(image, background, counts, noise, least, spare, mask, odds):
+        _settle(raw, mask, foreign, warped, odds)
+    expected, both, seen = overlap(mask, shape, inside)
+    left, top, right, bottom = _edges(mask, odds, lines[1], lines[2])
+    return others, expected, both, seen, left, top, right, bottom
