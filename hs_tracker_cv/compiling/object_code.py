@@ -503,6 +503,9 @@ def _uncollected() -> Iterator[None]:
         yield
     finally:
         if collecting:
+            if not gc.get_freeze_count():
+                gc.freeze()  # and what is unfrozen is old: otherwise all of it would be looked at now
+                gc.unfreeze()
             gc.enable()
 
 
