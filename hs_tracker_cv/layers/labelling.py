@@ -47,7 +47,6 @@ class Expected(NamedTuple):
 
     background : image of the background memory.
     moved, carried : the last frame, moved by the camera and by the object's motion.
-    seen : samples behind each background pixel.
     odds, own, shape, obj : the object's log-odds, {odds > 0}, shape and image, moved by its motion.
     part : (x0, y0, x1, y1), where `obj` and `carried` are known; nothing outside can be the object but what is new.
     """
@@ -55,7 +54,6 @@ class Expected(NamedTuple):
     background: Image
     moved: Image
     carried: Image
-    seen: Plane
     odds: Plane
     own: masks.Mask
     shape: Plane
@@ -113,7 +111,6 @@ def expect(state: LayersState, moves: motion.Moves) -> Expected:
         background=translated(moves.atlas.image, *moves.atlas.offset),
         moved=translated(state.previous, *moves.camera),
         carried=carried,
-        seen=moves.atlas.counts[0],
         odds=odds,
         own=own,
         shape=shape,
@@ -128,7 +125,6 @@ def expect_nothing(state: LayersState, view: View, moves: motion.Moves, odds: Pl
         background=translated(moves.atlas.image, *moves.atlas.offset),
         moved=translated(state.previous, *moves.camera),
         carried=view.image,
-        seen=moves.atlas.counts[0],
         odds=odds,
         own=(odds > 0).view(np.uint8),
         shape=(odds > 0).astype(np.float32),

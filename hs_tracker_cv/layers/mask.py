@@ -1,4 +1,4 @@
-"""Masks: dilated, measured; and that of a second mover, followed."""
+"""Masks beside what the kernels do to them: that of a second mover, followed; the box of a mask."""
 
 from __future__ import annotations
 
@@ -10,24 +10,18 @@ from ..geometry import Box
 from .state import Image
 from .window import transformed
 
-__all__ = ["Mask", "dilate", "follow_distractor", "for_kernel", "outer_box"]
+__all__ = ["Mask", "follow_distractor", "for_kernel", "outer_box"]
 
 Mask = NDArray[np.uint8]
 
 _NONE: Mask = np.empty((0, 0), np.uint8)
-
 _SMALLEST_DISTRACTOR = 20  # px; less has no flow of its own
-_SQUARES = {side: np.ones((side, side), np.uint8) for side in (3, 5)}
+_SQUARE = np.ones((3, 3), np.uint8)
 
 
 def for_kernel(mask: Mask | None) -> Mask:
     """Mask as kernels want it: of 0 × 0 pixels if there is none."""
     return _NONE if mask is None else mask
-
-
-def dilate(mask: Mask, side: int) -> Mask:
-    """Dilation by a square of that side."""
-    return np.asarray(cv2.dilate(mask, _SQUARES[side]), dtype=np.uint8)
 
 
 def follow_distractor(
@@ -44,7 +38,7 @@ def follow_distractor(
     u, v = (float(np.median(flow[:, :, i][inside])) for i in (0, 1))
     matrix = np.array(((1.0, 0.0, u), (0.0, 1.0, v)))
     size = (distractor.shape[1], distractor.shape[0])
-    there = cv2.warpAffine(dilate(distractor, 3), matrix, size, flags=cv2.INTER_NEAREST) != 0
+    there = cv2.warpAffine(cv2.dilate(distractor, _SQUARE), matrix, size, flags=cv2.INTER_NEAREST) != 0
     moved = transformed(previous, (1.0, 0.0, u, 0.0, 1.0, v), distractor.shape[:2])
     own = np.abs(image - moved).mean(axis=2)
     other = np.abs(image - obj).mean(axis=2)

@@ -49,8 +49,9 @@ def _arrivals(fresh, own, before, area, emerging, reach, young, spare, runs, kin
     """Tell where the object has grown from where something else has arrived, which `foreign` shows.
 
     Only what covers a background seen a moment ago (`fresh`) counts: this excludes ghosts and lifted shadows. What is
-    new within `reach` px of the object belongs to it, unless it is too `young` to grow; to it, or to the distractor
-    of the frame `before`. What comes out from behind something (`emerging`) may be the object itself.
+    new within `reach` px of the object has grown from it, unless it is too `young` for that; what is new beside the
+    distractor of the last frame (`before`) is the distractor. What comes out from behind something (`emerging`) may
+    be the object itself.
     """
     h, w = own.shape
     new = spare[1]
