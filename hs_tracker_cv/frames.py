@@ -20,6 +20,9 @@ __all__ = ["MIN_SIDE", "Frame", "InputError", "as_frame", "as_roi", "crop", "to_
 MIN_SIDE = 4.0
 """Smallest side of a region of interest, px: less holds no gradient to follow."""
 
+_LONGEST = 200
+"""Characters of a bad value that a message repeats."""
+
 _BGR_TO_GRAY = np.array([[0.114, 0.587, 0.299]], np.float32)
 _INTEGER_GAIN = {np.dtype(np.uint8): 1.0, np.dtype(np.uint16): 255.0 / 65535.0}
 
@@ -83,21 +86,27 @@ def as_frame(image: Any, gain: float | None = None) -> Frame:
         image = image.get()
     if not isinstance(image, np.ndarray):
         raise InputError(f"expected an image (ndarray or cv2.UMat), got {type(image).__name__}")
+    image = np.asarray(image)  # a plain view: np.matrix and its like index in ways of their own
     if image.ndim == 2:
         image = image[:, :, np.newaxis]
     if image.ndim != 3 or image.shape[2] not in (1, 3, 4):
         raise InputError(f"expected a frame of shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), got {image.shape}")
     if image.size == 0:
         raise InputError(f"expected a non-empty frame, got shape {image.shape}")
-    if image.dtype not in _INTEGER_GAIN and image.dtype.kind != "f":
+    if _native(image) not in _INTEGER_GAIN and image.dtype.kind != "f":
         raise InputError(f"expected a uint8, uint16 or float frame, got dtype {image.dtype}")
     pixels = image[:, :, :3] if image.shape[2] == 4 else image
     return Frame(pixels, _gain(pixels) if gain is None else gain)
 
 
+def _native(pixels: NDArray[Any]) -> np.dtype[Any]:
+    """Dtype in the byte order of this machine: files of big-endian numbers are read as such."""
+    return pixels.dtype.newbyteorder("=")
+
+
 def _gain(pixels: NDArray[Any]) -> float:
-    if pixels.dtype in _INTEGER_GAIN:
-        return _INTEGER_GAIN[pixels.dtype]
+    if pixels.dtype.kind == "u":
+        return _INTEGER_GAIN[_native(pixels)]
     finite = pixels[np.isfinite(pixels)]
     return 255.0 if finite.size == 0 or float(finite.max()) <= 1.0 else 1.0
 
@@ -124,17 +133,19 @@ def as_roi(bounding_box: Any, frame: Frame) -> Box:
     """
     values = _four_numbers(bounding_box)
     if values is None:
-        raise InputError(f"expected a boundingBox of four numbers (x, y, w, h), got {bounding_box!r}")
+        raise InputError(f"expected a boundingBox of four numbers (x, y, w, h), got {_shown(bounding_box)}")
     if not np.isfinite(values).all():
-        raise InputError(f"expected a finite boundingBox, got {bounding_box!r}")
+        raise InputError(f"expected a finite boundingBox, got {_shown(bounding_box)}")
     box = Box(*(float(value) for value in values))
     if box.w < MIN_SIDE or box.h < MIN_SIDE:
-        raise InputError(f"expected a boundingBox of at least {MIN_SIDE:g} × {MIN_SIDE:g} px, got {bounding_box!r}")
+        raise InputError(
+            f"expected a boundingBox of at least {MIN_SIDE:g} × {MIN_SIDE:g} px, got {_shown(bounding_box)}"
+        )
     inside = box.clip(frame.width, frame.height)
     if inside.w < MIN_SIDE or inside.h < MIN_SIDE:
         raise InputError(
             f"expected a boundingBox with at least {MIN_SIDE:g} × {MIN_SIDE:g} px inside the "
-            f"{frame.width} × {frame.height} frame, got {bounding_box!r}"
+            f"{frame.width} × {frame.height} frame, got {_shown(bounding_box)}"
         )
     return inside
 
@@ -150,8 +161,17 @@ def _four_numbers(values: Any) -> NDArray[np.float64] | None:
         # A long double beyond float64 becomes infinite, which is refused as such, and no warning.
         with np.errstate(over="ignore"):
             return array.astype(np.float64)
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # an object of the caller's may raise anything when it is asked for numbers
         return None
+
+
+def _shown(value: Any) -> str:
+    """`repr` for a message: cut where it is long, and no error of its own (an int of 5,000 digits has none)."""
+    try:
+        words = repr(value)
+    except Exception:
+        return f"a {type(value).__name__} that cannot be shown"
+    return words if len(words) <= _LONGEST else f"{words[:_LONGEST]}…"
 
 
 def crop(frame: Frame, x0: int, y0: int, width: int, height: int, *, step: int = 1) -> NDArray[np.float32]:

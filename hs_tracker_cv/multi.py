@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from types import MappingProxyType
 from typing import Any
 
@@ -54,7 +55,12 @@ class MultiTrackerHS:
         ------
         InputError
             If image or box cannot be used; nothing is added then.
+        ValueError
+            If this tracker follows one of the objects already; it goes on doing so.
         """
+        for identity, tracker in self._trackers.items():
+            if tracker is newTracker:
+                raise ValueError(f"expected a tracker of its own, got that of object {identity}")
         newTracker.init(image, boundingBox)
         identity = self._next_id
         self._trackers[identity] = newTracker
@@ -83,8 +89,20 @@ class MultiTrackerHS:
             True when every object was located.
         boxes : ndarray, shape (N, 4), float64
             x, y, w, h in px in the order of `objects`; a row of zeros for each object not located.
+
+        Raises
+        ------
+        InputError
+            If the image cannot be the next frame of one of the objects: none of them takes it in then.
         """
-        answers = {identity: tracker.update(image) for identity, tracker in self._trackers.items()}
+        # A track is replaced, never changed, so that a shallow copy is the tracker as it was.
+        before = {identity: copy(tracker) for identity, tracker in self._trackers.items()}
+        try:
+            answers = {identity: tracker.update(image) for identity, tracker in self._trackers.items()}
+        except BaseException:
+            for identity, tracker in self._trackers.items():
+                vars(tracker).update(vars(before[identity]))
+            raise
         self._boxes = {identity: box for identity, (_, box) in answers.items()}
         return all(ok for ok, _ in answers.values()), self.getObjects()
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from typing import Any
+
+import cv2
 import numpy as np
 import pytest
 
-from hs_tracker_cv import MultiTrackerHS_create, TrackerHS_create
+from hs_tracker_cv import MultiTrackerHS, MultiTrackerHS_create, TrackerHS, TrackerHS_create
 from hs_tracker_cv.frames import InputError
 from tests.conftest import moving_square
 
@@ -86,3 +91,80 @@ def test_a_frame_of_another_video_changes_nothing(bad: object) -> None:
         (ok, answers), (expected, boxes_of_all) = (multi.update(frame) for multi in multis)
         assert ok == expected
         np.testing.assert_array_equal(answers, boxes_of_all)
+
+
+def known(multi: MultiTrackerHS) -> list[Any]:
+    """Everything a caller can see of all objects."""
+    trackers = multi.objects.values()
+    return [
+        multi.getObjects().tolist(),
+        [(one.state, one.box, one.getTrackingScore(), one.initialised) for one in trackers],
+    ]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("kind", ["size", "channels"])
+def test_objects_of_differing_frames_advance_together_or_not_at_all(kind: str, order: int) -> None:
+    """With one object of another video among them every frame is wrong for one: no object takes it in."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    others = [frame[:100, :150] if kind == "size" else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) for frame in frames]
+    multi, alone = MultiTrackerHS_create(), TrackerHS_create()
+    for video in (frames, others)[::order]:
+        multi.add(TrackerHS_create(), video[0], boxes[0])
+    alone.init(frames[0], boxes[0])
+    before = known(multi)
+    for frame in (frames[4], others[4], frames[5], others[5]):
+        with pytest.raises(InputError, match="as given to init"):
+            multi.update(frame)
+        assert known(multi) == before
+    assert not multi.update(None)[0]
+    multi.remove(2 if order == 1 else 1)
+    for frame in frames[1:5]:
+        ok, answers = multi.update(frame)
+        assert (ok, tuple(answers[0])) == alone.update(frame)
+
+
+def test_an_interrupted_update_advances_nothing() -> None:
+    """Ctrl-C between two objects leaves all of them where they were."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+
+    class Interrupted(TrackerHS):
+        def update(self, image: Any) -> tuple[bool, tuple[int, int, int, int]]:
+            super().update(image)
+            raise KeyboardInterrupt
+
+    multi = MultiTrackerHS_create()
+    multi.add(TrackerHS_create(), frames[0], boxes[0])
+    multi.add(Interrupted(), frames[0], boxes[0])
+    before = known(multi)
+    with pytest.raises(KeyboardInterrupt):
+        multi.update(frames[3])
+    assert known(multi) == before
+
+
+def test_a_tracker_cannot_follow_two_objects() -> None:
+    """Adding it again is refused, and its track goes on."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multi, tracker, alone = MultiTrackerHS_create(), TrackerHS_create(), TrackerHS_create()
+    multi.add(tracker, frames[0], boxes[0])
+    alone.init(frames[0], boxes[0])
+    with pytest.raises(ValueError, match="that of object 1"):
+        multi.add(tracker, frames[0], (100, 80, 30, 30))
+    assert list(multi.objects) == [1]
+    assert tuple(multi.update(frames[1])[1][0]) == alone.update(frames[1])[1]
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda multi: pickle.loads(pickle.dumps(multi))])
+def test_copies_go_on_alone(duplicate: Any) -> None:
+    """Pickle and deepcopy carry all tracks and ids, and share nothing."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multi = MultiTrackerHS_create()
+    for box in (boxes[0], (100, 80, 30, 30)):
+        multi.add(TrackerHS_create(), frames[0], box)
+    multi.update(frames[1])
+    twin = duplicate(multi)
+    assert known(twin) == known(multi)
+    expected = [multi.update(frame)[1].tolist() for frame in frames[2:5]]
+    assert [twin.update(frame)[1].tolist() for frame in frames[2:5]] == expected
+    twin.remove(1)
+    assert list(multi.objects) == [1, 2]

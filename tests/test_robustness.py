@@ -10,6 +10,7 @@ import functools
 import math
 import os
 import time
+import tracemalloc
 from collections.abc import Callable
 from decimal import Decimal
 from fractions import Fraction
@@ -42,10 +43,39 @@ Answer = tuple[bool, tuple[int, int, int, int]]
 
 DTYPES = (
     "uint8 uint16 float16 float32 float64 longdouble int8 int16 int32 int64 uint32 uint64 bool complex64 "
-    "object datetime64[s] S3 U2 >u2 >f4"
+    "object datetime64[s] S3 U2 >u2 >f4 >i4"
 ).split()
 FILLS = ("zeros", "largest", "random", "nan", "inf", "mixed", "flat", "checker")
 LAYOUTS = ("c", "fortran", "strided", "reversed", "read-only", "broadcast", "masked", "matrix")
+
+
+class Contrary:
+    """An object of a caller's that raises whatever is asked of it."""
+
+    def __len__(self) -> int:
+        raise RuntimeError("no length")
+
+    def __float__(self) -> float:
+        raise RuntimeError("no number")
+
+    def __array__(self, *arguments: Any, **options: Any) -> NDArray[Any]:
+        raise RuntimeError("no array")
+
+
+class Speechless(Contrary):
+    """One that cannot even be printed; no generated example, since hypothesis prints those."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no words")
+
+
+class Convertible:
+    """No array, but NumPy can make one of it."""
+
+    def __array__(self, *arguments: Any, **options: Any) -> NDArray[Any]:
+        return np.zeros((*SHAPE, 3), np.uint8)
+
+
 NOT_IMAGES: tuple[Any, ...] = (
     None,
     "frame.png",
@@ -60,6 +90,8 @@ NOT_IMAGES: tuple[Any, ...] = (
     memoryview(bytes(12)),
     range(9),
     Exception("frame"),
+    Contrary(),
+    Convertible(),
 )
 
 
@@ -108,9 +140,9 @@ def laid_out(image: NDArray[Any], layout: str) -> NDArray[Any]:
     if layout == "broadcast" and image.ndim and image.shape[0]:
         return np.broadcast_to(image[:1], image.shape)
     if layout == "masked":
-        return np.ma.masked_array(image, mask=np.zeros(image.shape, bool))
+        return np.ma.masked_array(image, mask=np.arange(image.size).reshape(image.shape) % 3 == 0)
     if layout == "matrix" and image.ndim == 2:
-        return image.view(type("Picture", (np.ndarray,), {}))
+        return image.view(np.matrix)
     if layout == "read-only":
         image.flags.writeable = False
     return image
@@ -155,6 +187,7 @@ def numbers() -> st.SearchStrategy[Any]:
         st.integers(),
         st.sampled_from([10**400, -(10**400), 2**63, math.nan, math.inf, -math.inf, 1e308, 5e-324, True, None, "12"]),
         st.sampled_from([Decimal("20.5"), Fraction(41, 2), np.int8(20), np.float32(20.5), 3 + 4j, [20], (), b"20"]),
+        st.sampled_from([Decimal("sNaN"), Contrary(), np.ma.masked, np.float32(math.nan), {}]),
     )
 
 
@@ -174,7 +207,19 @@ def rois() -> st.SearchStrategy[Any]:
         st.lists(numbers(), max_size=6),
         arrays,
         st.sampled_from(
-            [None, "", "1234", b"1234", 5, {}, {1, 2, 3, 4}, dict.fromkeys(range(4)), object(), iter("ab")]
+            [
+                None,
+                "",
+                "1234",
+                b"1234",
+                5,
+                {},
+                {1, 2, 3, 4},
+                dict.fromkeys(range(4)),
+                object(),
+                iter("ab"),
+                Contrary(),
+            ]
         ),
     )
 
@@ -240,7 +285,7 @@ def is_frame(thing: Any) -> bool:
         thing = thing.get()
     if not isinstance(thing, np.ndarray) or thing.size == 0 or thing.ndim not in (2, 3):
         return False
-    good_type = thing.dtype in (np.dtype(np.uint8), np.dtype(np.uint16)) or thing.dtype.kind == "f"
+    good_type = thing.dtype.newbyteorder("=") in (np.uint8, np.uint16) or thing.dtype.kind == "f"
     return good_type and (thing.ndim == 2 or thing.shape[2] in (1, 3, 4))
 
 
@@ -265,7 +310,7 @@ def test_init_takes_frames_and_refuses_all_else(thing: Any) -> None:
     try:
         in_time(tracker, lambda one: one.init(thing, roi))
     except InputError:
-        assert not usable or not frame.dtype.isnative
+        assert not usable
         assert tracker.state == "uninitialised"
         return
     assert usable
@@ -341,15 +386,70 @@ def test_any_object_mid_track_is_answered_or_refused(thing: Any, kind: tuple[str
         (10**400, 0, 20, 20),
         (0, 0, 1e308, math.inf),
         {0: 10, 1: 10, 2: 20, 3: 20},
+        (value for value in (10, 10, 20, 20)),
+        (10**5000, 0, 20, 20),
+        (Contrary(), 0, 20, 20),
+        (Speechless(), 0, 20, 20),
+        Speechless(),
+        (Decimal("sNaN"), 0, 20, 20),
+        np.zeros(1, [("x", "i4"), ("y", "i4"), ("w", "i4"), ("h", "i4")])[0],
+        ((10, 10), (20, 20), 0.0),
         [[10, 10, 20, 20]],
         np.array([10, 10, 20, 20], bool),
     ],
-    ids=repr,
+    ids=lambda roi: type(roi).__name__,
 )
 def test_what_is_not_four_numbers_is_no_roi(roi: Any) -> None:
     """Complex numbers, words, dates, nests: an InputError, not a warning and not a guess."""
     with pytest.raises(InputError, match="boundingBox"):
         TrackerHS_create().init(video(count=1)[0], roi)
+
+
+def test_a_long_bad_roi_is_named_by_its_beginning() -> None:
+    """A whole array handed over by mistake does not fill the screen."""
+    with pytest.raises(InputError, match=r"got \[0, 1, 2, .*…$") as refused:
+        TrackerHS_create().init(video(count=1)[0], list(range(100_000)))
+    assert len(str(refused.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("kind", "convert"),
+    [
+        pytest.param(("uint8", 1), lambda f: f.view(np.matrix), id="matrix"),
+        pytest.param(("uint8", 3), lambda f: np.ma.masked_greater(f, 100), id="masked"),
+        pytest.param(("uint8", 3), lambda f: f.view(Awkward), id="subclass"),
+        pytest.param(("uint16", 3), lambda f: f.astype(">u2"), id="big-endian-uint16"),
+        pytest.param(("float32", 3), lambda f: f.astype(">f4"), id="big-endian-float"),
+        pytest.param(("float32", 3), lambda f: unaligned(f), id="unaligned"),
+    ],
+)
+def test_unusual_arrays_give_the_boxes_of_plain_ones(
+    kind: tuple[str, int], convert: Callable[[NDArray[Any]], NDArray[Any]]
+) -> None:
+    """Subclasses, masks, foreign byte order and odd addresses hold the same pixels."""
+    tracker, twin, frames = TrackerHS_create(), TrackerHS_create(), video(*kind)
+    tracker.init(convert(frames[0]), ROI)
+    twin.init(frames[0], ROI)
+    for frame in frames[1:6]:
+        assert update(tracker, convert(frame)) == twin.update(frame)
+        assert known(tracker) == known(twin)
+
+
+class Awkward(np.ndarray[Any, Any]):
+    """An array that lets nobody look inside."""
+
+    def __getitem__(self, key: Any) -> Any:
+        raise RuntimeError("no looking")
+
+    def __array_ufunc__(self, *arguments: Any, **options: Any) -> Any:
+        raise RuntimeError("no arithmetic")
+
+
+def unaligned(frame: NDArray[Any]) -> NDArray[Any]:
+    """The same values at an address that no number of their type may have."""
+    raw = np.frombuffer(b"x" + frame.tobytes(), np.uint8)[1:].view(frame.dtype).reshape(frame.shape)
+    assert not raw.flags.aligned
+    return raw
 
 
 @pytest.mark.parametrize("value", [np.finfo(np.float64).max, -np.finfo(np.float64).max, math.inf, math.nan])
@@ -394,7 +494,7 @@ def test_rois_of_every_extreme_are_tracked_without_a_fault(roi: tuple[int, int, 
     assert "refused" not in [update(tracker, frame) for frame in frames[1:] + frames[::-1]]
 
 
-@pytest.mark.parametrize("size", [(4, 4), (5, 200), (200, 5), (7, 7)])
+@pytest.mark.parametrize("size", [(4, 4), (5, 200), (200, 5), (7, 7), (4, 3000), (3000, 4)])
 def test_tiny_frames_are_tracked_without_a_fault(size: tuple[int, int]) -> None:
     """A frame hardly larger than the smallest ROI is a frame."""
     rng = np.random.default_rng(2)
@@ -403,6 +503,31 @@ def test_tiny_frames_are_tracked_without_a_fault(size: tuple[int, int]) -> None:
     for _ in range(6):
         ok, box = tracker.update(rng.integers(0, 256, (*size, 3), dtype=np.uint8))
         assert ok or box == NOWHERE
+
+
+@pytest.mark.parametrize(("size", "roi"), [((1, 60), (0, 0, 60, 1)), ((60, 1), (0, 0, 1, 60)), ((3, 60), ROI)])
+def test_frames_thinner_than_any_roi_are_refused_in_words(size: tuple[int, int], roi: tuple[int, ...]) -> None:
+    """A line of pixels is a frame, but no ROI fits in: the error speaks of the ROI, and nothing is started."""
+    tracker = TrackerHS_create()
+    with pytest.raises(InputError, match="boundingBox"):
+        tracker.init(np.zeros(size, np.uint8), roi)
+    assert not tracker.initialised
+
+
+def test_a_frame_of_8k_costs_what_its_window_costs() -> None:
+    """Neither memory nor time grow with the frame: one that takes no memory at all stands in for it."""
+    tracker, small = TrackerHS_create(), TrackerHS_create()
+    large = [np.broadcast_to(np.uint8(level), (4320, 7680, 3)) for level in (5, 200, 7)]
+    tracker.init(large[0], (100, 100, 300, 300))
+    small.init(large[0][:600, :800], (100, 100, 300, 300))
+    tracemalloc.start()
+    try:
+        answers = [in_time(tracker, lambda one, frame=frame: one.update(frame)) for frame in large[1:]]
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert answers == [small.update(frame[:600, :800]) for frame in large[1:]]
+    assert most < large[0].size / 4
 
 
 def leaving(step: tuple[int, int], count: int = 16) -> list[NDArray[np.uint8]]:
