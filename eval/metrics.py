@@ -7,9 +7,11 @@ Conventions
 * A frame is *visible*, and its box is scored, when at least a tenth of the object can be seen and its clipped box has
   an area. It is *invisible* when nothing can be seen: only `ok` counts. In between, nothing does.
 * ``ok=False``, a missing answer or a box that is not finite on a visible frame has IoU 0 and an infinite distance.
+* *false True* is the share of the invisible frames that were answered with ``ok=True``, *false False* that of the
+  visible ones with ``ok=False``, whatever the box.
 * The success curve is the share of frames with IoU ≥ t, and with IoU > 0 at t = 0: a perfect tracker scores 1 at
   every threshold and an absent one 0. Its AUC (trapezium rule, 101 thresholds) therefore reaches exactly 1. The
-  field's toolkits count IoU > t at 21 thresholds, where a perfect tracker scores 20/21: that is `auc_otb`.
+  field's toolkits count IoU > t at 21 thresholds, where a perfect tracker scores 20/21: that is *AUC (21 ×, >)*.
 * Distances: precision counts those ≤ 20 px; normalised precision divides by the size of the reference box and is the
   area under the curve of shares ≤ t for t from 0 to 0.5, scaled to 1.
 """

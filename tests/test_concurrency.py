@@ -129,6 +129,55 @@ def test_one_tracker_may_be_handed_from_thread_to_thread() -> None:
     assert answers == follow(work(0))
 
 
+def test_one_tracker_in_three_threads_at_once_takes_no_harm() -> None:
+    """Nobody knows which frame it saw last, but every answer is whole, and a new init forgets the turmoil."""
+    frames, box, mode = work(0)
+    tracker = TrackerHS_create(TrackerHS_Params(mode=mode))
+    tracker.init(frames[0], box)
+
+    def turmoil(step: int) -> list[Any]:
+        answers = []
+        for index in range(24):
+            answers.append(tracker.update(frames[index * step % len(frames)]))
+            if index % 9 == 8:
+                tracker.init(frames[0], box)
+        return answers
+
+    for answers in in_threads([lambda step=step: turmoil(step) for step in (1, 5, 7)]):
+        assert all(len(found) == 4 and (ok or found == (0, 0, 0, 0)) for ok, found in answers)
+    tracker.init(frames[0], box)
+    told = [(*tracker.update(frame), tracker.getTrackingScore(), tracker.box) for frame in frames[1:]]
+    assert told == follow(work(0))
+
+
+def test_a_frame_that_is_overwritten_meanwhile_does_no_lasting_harm() -> None:
+    """A camera that fills its one buffer while `update` looks at it spoils that answer at most."""
+    frames, box, mode = work(0)
+    tracker = TrackerHS_create(TrackerHS_Params(mode=mode))
+    buffer, done = frames[0].copy(), threading.Event()
+    tracker.init(frames[0], box)
+
+    def camera() -> None:
+        rng, index = np.random.default_rng(0), 0
+        while not done.is_set():
+            buffer[:] = frames[index % len(frames)] if index % 3 else rng.integers(0, 256, buffer.shape, np.uint8)
+            index += 1
+
+    filling = threading.Thread(target=camera)
+    filling.start()
+    try:
+        for _ in range(40):
+            ok, found = tracker.update(buffer)
+            assert ok or found == (0, 0, 0, 0)
+            assert 0.0 <= tracker.getTrackingScore() <= 1.0
+    finally:
+        done.set()
+        filling.join()
+    tracker.init(frames[0], box)
+    told = [(*tracker.update(frame), tracker.getTrackingScore(), tracker.box) for frame in frames[1:]]
+    assert told == follow(work(0))
+
+
 @pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
 def test_child_processes_answer_as_the_parent_does(method: str) -> None:
     """Tracking works in children of a parent that has tracked in threads, with OpenCV's own threads at work."""

@@ -248,6 +248,12 @@ def test_the_report_is_one_file_with_everything(summary: Summary, folder: Folder
     assert "m, Python 3.11, OpenCV 4.13, commit abc." in page.text
     scoring = page.text.partition("How it is scored")[2].partition("Where the figures")[0]
     assert "It is invisible when nothing can be seen" in scoring
+    assert "false True is the share of the invisible frames" in scoring
+    head = page.text.partition("Overall")[2].partition("Curves")[0]
+    assert "false True" in head
+    assert "false False: not said to be where it is seen" in head
+    assert "Reliability of the score" in page.text
+    assert "The score round a loss" in page.text
     assert not re.search(r"[*`]|:data:", scoring)
     assert not re.search(r"\bnan\b", page.text)
 

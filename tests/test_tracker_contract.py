@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import gc
 import pickle
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +18,7 @@ from hs_tracker_cv import Box, TrackerHS, TrackerHS_create, TrackerHS_Params, le
 from hs_tracker_cv.frames import InputError
 from hs_tracker_cv.geometry import iou
 from tests.conftest import BOX_IOU, moving_square
+from tests.test_layers import behind_wall
 
 NOWHERE = (0, 0, 0, 0)
 Frames = list[NDArray[np.uint8]]
@@ -317,6 +320,33 @@ def test_a_loss_is_said_and_the_object_is_found_again(mode: str) -> None:
     assert back[-1][0]
     assert tracker.state == "tracking"
     assert iou(Box(*back[-1][1]), Box(*boxes[-1])) > 0.6
+
+
+@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+def test_the_score_falls_before_the_loss(mode: str) -> None:
+    """Going behind a wall, the object is given up after the score has warned, and is found on the other side."""
+    frames, boxes, _ = behind_wall()
+    tracker = started((frames, boxes), mode=mode)
+    told = [(tracker.update(frame)[0], tracker.getTrackingScore(), tracker.state) for frame in frames[1:]]
+    lost = [ok for ok, _, _ in told].index(False)
+    assert min(score for _, score, _ in told[:8]) > 0.9
+    assert told[lost - 1][1] < 0.7
+    assert told[lost][1] < told[lost - 1][1] + 0.05
+    assert told[lost][2] == ("lost" if mode == "propagation" else "occluded")
+    assert all(ok and score > 0.9 and state == "tracking" for ok, score, state in told[-5:])
+    assert iou(Box(*tracker.box or ()), boxes[-1]) > 0.85
+
+
+def test_a_tracker_can_be_referred_to_weakly(video: tuple[Frames, Boxes]) -> None:
+    """Unlike cv2's; it goes when the last strong reference does, whatever copies there are."""
+    tracker = started(video)
+    tracker.update(video[0][1])
+    reference, twin = weakref.ref(tracker), copy.copy(tracker)
+    assert reference() is tracker
+    del tracker
+    gc.collect()
+    assert reference() is None
+    assert twin.update(video[0][2])[0]
 
 
 def test_debug_before_update_is_a_clear_error(video: tuple[Frames, Boxes]) -> None:
