@@ -195,6 +195,23 @@ def test_a_kernel_calls_another_in_numbas_way(place):
     assert run(environment, "import sys, small; assert small.leans(3) == 4.0; print('numba' in sys.modules)")
 
 
+def test_a_package_is_compiled_together(place):
+    """The first call compiles whatever kernels of the package are imported; what cannot be is left to its own call."""
+    tmp_path, environment = place
+    (tmp_path / "kin").mkdir()
+    (tmp_path / "kin" / "__init__.py").touch()
+    (tmp_path / "small.py").rename(tmp_path / "kin" / "small.py")
+    (tmp_path / "kin" / "other.py").write_text(
+        "from hs_tracker_cv.compiling import kernel\n\n@kernel()\ndef next_one(n: int) -> int:\n    return n + 1\n"
+    )
+    code = "import sys\nfrom kin import other, small\nassert other.next_one(2) == 3\nprint('numba' in sys.modules)\n"
+    assert run(environment, code)
+    names = sorted(file.name.split("-")[0] for file in (tmp_path / "cache").iterdir())
+    assert names == ["kin.other.next_one", "kin.small.both", "kin.small.longest", "kin.small.norms"]
+    assert not run(environment, LINKED.replace("sys, small", "sys\nfrom kin import small"))
+    assert run(environment, code.replace("other.next_one", "small.allocates").replace("== 3", "== 2"))
+
+
 def test_inside_an_archive(place):
     """A package in a zip file compiles, keeps its machine code in the user's cache, and loads it."""
     import zipfile
