@@ -9,7 +9,6 @@ but only where the two overlap. :mod:`~hs_tracker_cv.propagation` uses the one t
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from . import patches
 
-__all__ = ["CorrelationFilter", "Peak", "correlation", "features", "find_peak", "hann", "learn", "respond", "train"]
+__all__ = ["CorrelationFilter", "Peak", "features", "find_peak", "hann", "learn", "respond", "train"]
 
 F32 = NDArray[np.float32]
 C64 = NDArray[np.complex64]
@@ -156,16 +155,6 @@ def find_peak(score: F32) -> Peak:
     if 0 < y < height - 1:
         dy += _vertex(float(score[y - 1, x]), float(score[y, x]), float(score[y + 1, x]))
     return Peak(dx, dy, float(score[y, x]))
-
-
-def correlation(a: F32, b: F32, weights: F32) -> float:
-    """Weighted normalised cross-correlation of two patches, −1 to 1."""
-    total = float(weights.sum())
-    a = a - np.float32(float(np.vdot(weights, a)) / total)
-    b = b - np.float32(float(np.vdot(weights, b)) / total)
-    weighted = weights * a
-    power = float(np.vdot(weighted, a)) * float(np.vdot(weights * b, b))
-    return float(np.vdot(weighted, b)) / math.sqrt(power + 1e-6)
 
 
 def _transform(plane: F32) -> C64:

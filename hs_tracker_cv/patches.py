@@ -14,10 +14,22 @@ from numpy.typing import NDArray
 
 from .compiling import kernel, larger, local, part, root, smaller
 
-__all__ = ["fit_motion", "misfit", "orientations", "residual_weights", "sample", "sample_turned"]
+__all__ = [
+    "carry",
+    "correlation",
+    "fit_motion",
+    "foreground",
+    "misfit",
+    "normalise",
+    "orientations",
+    "residual_weights",
+    "sample",
+    "sample_turned",
+]
 
 Image = Annotated[NDArray[np.float32], 3]
 Plane = Annotated[NDArray[np.float32], 2]
+Bins = Annotated[NDArray[np.int32], 2]
 Row = Annotated[NDArray[np.float32], 1]
 Integers = Annotated[NDArray[np.int64], 1]
 Numbers = Annotated[NDArray[np.float64], 1]
@@ -25,6 +37,11 @@ Numbers = Annotated[NDArray[np.float64], 1]
 _BINS = 512
 _BINS_PER_PX = 64.0
 _histogram = local(_BINS)
+
+_CONTRAST = 32.0
+_NEAR = math.exp(-1.0 / (2.0 * 0.7**2))
+_SIDE = _NEAR / (1.0 + 2.0 * _NEAR)  # taps of a Gaussian of σ 0.7 over three samples
+_MIDDLE = 1.0 - 2.0 * _SIDE
 
 
 @part()
@@ -372,3 +389,171 @@ def misfit(flow: Image, motion: Numbers, square: Plane) -> None:
             du = flow[y, x, 0] - motion[0] - motion[4] * (x - mx) + motion[6] * (y - my)
             dv = flow[y, x, 1] - motion[1] - motion[4] * (y - my) - motion[6] * (x - mx)
             square[y, x] = du * du + dv * dv
+
+
+@kernel()
+def normalise(gray: Plane, inner: Plane, out: Plane) -> None:
+    """Smooth a patch a little; then make its mean zero under the inner weights and its deviation about 32.
+
+    Parameters
+    ----------
+    gray : ndarray, shape (H, W), float32
+    inner : ndarray, shape (H, W), float32
+        Weights whose sum is 1.
+    out : ndarray, shape (H, W), float32
+        Receives the patch under a Gaussian of σ 0.7 over 3 × 3 samples (the border reflected), less its mean, times
+        32 / (deviation + 4).
+    """
+    height, width = gray.shape
+    side, middle = np.float32(_SIDE), np.float32(_MIDDLE)
+    mean = square = 0.0
+    for y in range(height):
+        up, down = abs(y - 1), y + 1 if y + 1 < height else height - 2
+        for x in range(width):
+            left, right = abs(x - 1), x + 1 if x + 1 < width else width - 2
+            before = side * (gray[up, left] + gray[down, left]) + middle * gray[y, left]
+            here = side * (gray[up, x] + gray[down, x]) + middle * gray[y, x]
+            after = side * (gray[up, right] + gray[down, right]) + middle * gray[y, right]
+            value = side * (before + after) + middle * here
+            out[y, x] = value
+            mean += inner[y, x] * value
+    for y in range(height):
+        for x in range(width):
+            out[y, x] -= np.float32(mean)
+            square += inner[y, x] * out[y, x] * out[y, x]
+    scale = np.float32(_CONTRAST / (root(larger(square, 0.0)) + 4.0))
+    for y in range(height):
+        for x in range(width):
+            out[y, x] *= scale
+
+
+@kernel()
+def correlation(a: Plane, b: Plane, weights: Plane) -> float:
+    """Weighted normalised cross-correlation of two patches, −1 to 1."""
+    height, width = a.shape
+    total = first = second = 1e-30
+    for y in range(height):
+        for x in range(width):
+            total += weights[y, x]
+            first += weights[y, x] * a[y, x]
+            second += weights[y, x] * b[y, x]
+    first /= total
+    second /= total
+    aa = bb = ab = 0.0
+    for y in range(height):
+        for x in range(width):
+            one, two, weight = a[y, x] - first, b[y, x] - second, weights[y, x]
+            aa += weight * one * one
+            bb += weight * two * two
+            ab += weight * one * two
+    return float(ab / root(aa * bb + 1e-6))
+
+
+@kernel()
+def foreground(window: Image, likelihood: Row, bins: Bins, out: Plane) -> None:
+    """Likelihood of the object's colours in each sample of a window, and the samples' bins.
+
+    Parameters
+    ----------
+    window : ndarray, shape (H, W, C), float32
+        0–255.
+    likelihood : ndarray, shape (bins,), float32
+        Of 64 bins of gray or 16³ of colour.
+    bins : ndarray, shape (H, W), int32
+        Receives the bins.
+    out : ndarray, shape (H, W), float32
+        Receives the mean likelihood in 3 × 3 samples, the border reflected.
+    """
+    height, width, channels = window.shape
+    for y in range(height):
+        for x in range(width):
+            if channels == 1:
+                bins[y, x] = smaller(np.int32(window[y, x, 0] * np.float32(0.25)), np.int32(63))
+            else:
+                blue, green, red = np.int32(window[y, x, 0]), np.int32(window[y, x, 1]), np.int32(window[y, x, 2])
+                bins[y, x] = (
+                    (smaller(blue >> 4, np.int32(15)) << 8)
+                    + (smaller(green >> 4, np.int32(15)) << 4)
+                    + smaller(red >> 4, np.int32(15))
+                )
+    for y in range(height):
+        for x in range(width):
+            total = np.float32(0.0)
+            for j in range(y - 1, y + 2):
+                row = abs(j) if j < height else height - 2
+                for i in range(x - 1, x + 2):
+                    total += likelihood[np.int64(bins[row, abs(i) if i < width else width - 2])]
+            out[y, x] = total / np.float32(9.0)
+
+
+@part()
+def _halved(plane: Any, y: int, x: int) -> Any:
+    """Mean of 2 × 2 samples."""
+    total = plane[2 * y, 2 * x] + plane[2 * y + 1, 2 * x]
+    return np.float32(0.25) * (total + (plane[2 * y, 2 * x + 1] + plane[2 * y + 1, 2 * x + 1]))
+
+
+@kernel()
+def carry(
+    kept: Plane,
+    flow: Image,
+    previous: Plane,
+    now: Plane,
+    weight: Plane,
+    belongs: Plane,
+    place: Numbers,
+    held: Image,
+    out: Plane,
+) -> None:
+    """Move what is kept of the object with the flow; drop what has changed and what moves with the surroundings.
+
+    Parameters
+    ----------
+    kept : ndarray, shape (h, w), float32
+        At half the resolution of the patches.
+    flow : ndarray, shape (2 h, 2 w, 2), float32
+        From the last patch to this frame's, samples.
+    previous : ndarray, shape (2 h, 2 w), float32
+        The last patch.
+    now : ndarray, shape (h, w), float32
+        The patch where the result is wanted, halved.
+    weight, belongs : ndarray, shape (2 h, 2 w), float32
+        How much a sample says, and its share of "moves with the object"; `belongs` of 0 × 0 if that is not known.
+    place : ndarray, shape (6,), float64
+        Where the result's middle is in this frame's patch, and its x axis there, halved samples (4); differences of
+        the patches up to which nothing has changed and from which all has (2).
+    held : ndarray, shape (2, h, w), float32
+        Workspace.
+    out : ndarray, shape (h, w), float32
+        Receives the map, 0–1.
+    """
+    rows, columns = kept.shape
+    for y in range(rows):
+        for x in range(columns):
+            held[1, y, x] = _halved(previous, y, x)
+            held[0, y, x] = kept[y, x]
+            if belongs.shape[0] > 0:
+                textured = np.float32(0.0)
+                for k in range(4):
+                    one = weight[2 * y + (k >> 1), 2 * x + (k & 1)]
+                    textured += np.float32(0.25) * one / (one + np.float32(0.1))
+                foreign = larger(np.float32(1.0) - np.float32(2.0) * _halved(belongs, y, x), np.float32(0.0))
+                held[0, y, x] *= np.float32(1.0) - textured * foreign
+    same, changed = place[4], place[5]
+    for y in range(rows):
+        for x in range(columns):
+            along, down = x - 0.5 * (columns - 1), y - 0.5 * (rows - 1)
+            px = place[0] + place[2] * along - place[3] * down - 0.5 * flow[2 * y + 1, 2 * x + 1, 0]
+            py = place[1] + place[2] * down + place[3] * along - 0.5 * flow[2 * y + 1, 2 * x + 1, 1]
+            px = smaller(larger(px, 0.0), columns - 1.001)
+            py = smaller(larger(py, 0.0), rows - 1.001)
+            ix, iy = np.int64(px), np.int64(py)
+            fx, fy = px - ix, py - iy
+            moved = before = 0.0
+            for k in range(2):
+                one = held[k, iy, ix] + fx * (held[k, iy, ix + 1] - held[k, iy, ix])
+                two = held[k, iy + 1, ix] + fx * (held[k, iy + 1, ix + 1] - held[k, iy + 1, ix])
+                moved = before
+                before = one + fy * (two - one)
+            unchanged = (changed - abs(before - now[y, x])) / (changed - same)
+            out[y, x] = moved * smaller(larger(unchanged, 0.0), 1.0)

@@ -120,5 +120,5 @@ def test_correlation_ignores_gain_and_offset(gain: float, offset: float, expecte
     patch = _window(_scene(), 0, 0)
     weights = anchor.hann(2 * SIDE, 2 * SIDE)
     changed = np.asarray(gain * patch + offset, np.float32)
-    assert anchor.correlation(patch, changed, weights) == pytest.approx(expected, abs=1e-3)
-    assert abs(anchor.correlation(patch, _window(_scene(8), 0, 0), weights)) < 0.4
+    assert patches.correlation(patch, changed, weights) == pytest.approx(expected, abs=1e-3)
+    assert abs(patches.correlation(patch, _window(_scene(8), 0, 0), weights)) < 0.4

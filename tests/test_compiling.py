@@ -196,7 +196,7 @@ def test_a_kernel_calls_another_in_numbas_way(place):
 
 
 def test_a_package_is_compiled_together(place):
-    """The first call compiles whatever kernels of the package are imported; what cannot be is left to its own call."""
+    """The first call compiles all kernels of the package; what cannot be compiled is left to its own call."""
     tmp_path, environment = place
     (tmp_path / "kin").mkdir()
     (tmp_path / "kin" / "__init__.py").touch()

@@ -252,6 +252,9 @@ class _Compiler(compiler.CompilerBase):
 class _Context(cpu.CPUContext):
     """Numba's compiler for the processor, whose functions have our entry and no runtime of Numba's."""
 
+    returned: Any
+    """What the kernel being compiled returns to other kernels."""
+
     def load_additional_registries(self) -> None:
         super().load_additional_registries()
         self.install_registry(_ELEMENTS)
@@ -346,10 +349,12 @@ class _Entry:
 
     def _define_native(self, fndesc: Any, name: str) -> None:
         """Define the function that other kernels call."""
-        function_type = self.context.get_external_function_type(fndesc)
-        function = ir.Function(self.module, function_type, name)
+        kind, wanted = fndesc.restype, self.context.returned
+        arguments = [self.context.get_value_type(one) for one in fndesc.argtypes]
+        function = ir.Function(self.module, ir.FunctionType(self.context.get_value_type(wanted), arguments), name)
         builder = ir.IRBuilder(function.append_basic_block())
-        builder.ret(self._call_compiled(builder, fndesc, list(function.args))[1])
+        _, result = self._call_compiled(builder, fndesc, list(function.args))
+        builder.ret(self.context.cast(builder, result, kind, wanted))
 
     def _call(self, name: str, *arguments: Any) -> Any:
         return self.builder.call(cgutils.get_or_insert_function(self.module, _C_FUNCTIONS[name], name), arguments)
@@ -550,6 +555,7 @@ def _bitcode(kernel: Kernel) -> bytes:
     flags = compiler.Flags()
     options = {**_SETTINGS, "nopython": True, "no_cfunc_wrapper": True, **kernel.options}
     target.options.parse_as_flags(flags, options)
+    target.target_context.returned = returned(kernel)
     result = compiler.compile_extra(
         target.typing_context,
         target.target_context,
@@ -561,8 +567,6 @@ def _bitcode(kernel: Kernel) -> bytes:
         library=target.target_context.codegen().create_library(kernel.name),
         pipeline_class=_Compiler,
     )
-    if result.signature.return_type != returned(kernel):
-        raise TypeError(f"{kernel.name} returns {result.signature.return_type}, not {returned(kernel)}")
     return bytes(result.library.emit_bitcode())
 
 

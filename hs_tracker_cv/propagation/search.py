@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import anchor, patches
 from .state import Geometry, Pose, PropagationParams, PropagationState
-from .view import View, bins_of, foreground
+from .view import View, foreground
 
 __all__ = ["Found", "find", "finer", "look"]
 
@@ -37,7 +37,7 @@ def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty:
     g = state.geometry
     likelihood = None
     if state.model.likelihood is not None:
-        likelihood = foreground(bins_of(view.coarse(at)), state.model.likelihood)
+        likelihood, _ = foreground(view.coarse(at), state.model.likelihood)
     response = anchor.respond(state.model.located, anchor.features(view.context(at), likelihood, g.window))
     across = g.across + np.float32((at.cx - expected.cx) / (g.w * expected.sx))
     down = g.down + np.float32((at.cy - expected.cy) / (g.h * expected.sy))
