@@ -20,9 +20,13 @@ __all__ = [
     "fit_motion",
     "foreground",
     "misfit",
+    "mix",
     "normalise",
     "orientations",
+    "peak",
+    "register",
     "residual_weights",
+    "respond",
     "sample",
     "sample_turned",
 ]
@@ -557,3 +561,118 @@ def carry(
                 before = one + fy * (two - one)
             unchanged = (changed - abs(before - now[y, x])) / (changed - same)
             out[y, x] = moved * smaller(larger(unchanged, 0.0), 1.0)
+
+
+@kernel()
+def respond(numerator: Image, spectrum: Image, energy: Plane, floor: float, out: Plane) -> None:
+    """Spectrum of a correlation filter's response: Σ numerator · spectrum over the channels / (energy + floor).
+
+    Parameters
+    ----------
+    numerator, spectrum : ndarray, shape (C, h, 2 w), float32
+        Real and imaginary parts in turn.
+    energy : ndarray, shape (h, w), float32
+    floor : float
+    out : ndarray, shape (h, 2 w), float32
+    """
+    channels = numerator.shape[0]
+    height, width = energy.shape
+    for y in range(height):
+        for x in range(2 * width):
+            out[y, x] = 0.0
+        for c in range(channels):
+            for x in range(width):
+                a, b = numerator[c, y, 2 * x], numerator[c, y, 2 * x + 1]
+                p, q = spectrum[c, y, 2 * x], spectrum[c, y, 2 * x + 1]
+                out[y, 2 * x] += a * p - b * q
+                out[y, 2 * x + 1] += a * q + b * p
+        for x in range(width):
+            share = np.float32(1.0) / (energy[y, x] + np.float32(floor))
+            out[y, 2 * x] *= share
+            out[y, 2 * x + 1] *= share
+
+
+@kernel()
+def mix(
+    numerator: Image, energy: Plane, target: Plane, spectrum: Image, rate: float, mixed: Image, power: Plane
+) -> None:
+    """Mix one more spectrum into a correlation filter.
+
+    Parameters
+    ----------
+    numerator, spectrum : ndarray, shape (C, h, 2 w), float32
+        Real and imaginary parts in turn.
+    energy : ndarray, shape (h, w), float32
+    target : ndarray, shape (h, 2 w), float32
+        Transform of the wanted response.
+    rate : float
+        0–1.
+    mixed, power : ndarray
+        Receive the new numerator and energy.
+    """
+    channels = numerator.shape[0]
+    height, width = energy.shape
+    new, old = np.float32(rate), np.float32(1.0 - rate)
+    for y in range(height):
+        for x in range(width):
+            power[y, x] = old * energy[y, x]
+        for c in range(channels):
+            for x in range(width):
+                a, b = new * target[y, 2 * x], new * target[y, 2 * x + 1]
+                p, q = spectrum[c, y, 2 * x], spectrum[c, y, 2 * x + 1]
+                mixed[c, y, 2 * x] = old * numerator[c, y, 2 * x] + a * p + b * q
+                mixed[c, y, 2 * x + 1] = old * numerator[c, y, 2 * x + 1] + b * p - a * q
+                power[y, x] += new * (p * p + q * q)
+
+
+@part()
+def _vertex(left: float, middle: float, right: float) -> float:
+    """Where a parabola through three samples is highest, from the middle one, −½ to ½."""
+    curve = left - 2.0 * middle + right
+    return 0.0 if curve >= 0.0 else smaller(larger(0.5 * (left - right) / curve, -0.5), 0.5)
+
+
+@kernel()
+def peak(
+    response: Plane, across: Plane, down: Plane, aside: float, below: float, penalty: float, faded: Plane
+) -> tuple[float, float, float, float]:
+    """Highest point of a response less a penalty for distance, by parabolas between the samples.
+
+    Parameters
+    ----------
+    response : ndarray, shape (h, w), float32
+        Zero displacement is at ``[h // 2, w // 2]``.
+    across, down : ndarray, shape (h, w), float32
+        Displacements in box sizes; `aside` and `below` are added.
+    penalty : float
+        Taken off at one box size.
+    faded : ndarray, shape (h, w), float32
+        Workspace.
+
+    Returns
+    -------
+    Displacement (dx, dy) from the centre, samples; height less the penalty; the response at the nearest sample.
+    """
+    height, width = response.shape
+    row, column = 0, 0
+    for y in range(height):
+        for x in range(width):
+            dx, dy = across[y, x] + np.float32(aside), down[y, x] + np.float32(below)
+            faded[y, x] = response[y, x] - np.float32(penalty) * (dx * dx + dy * dy)
+            if faded[y, x] > faded[row, column]:
+                row, column = y, x
+    right, lower = 1.0 * (column - width // 2), 1.0 * (row - height // 2)
+    if column > 0 and column < width - 1:
+        right += _vertex(faded[row, column - 1], faded[row, column], faded[row, column + 1])
+    if row > 0 and row < height - 1:
+        lower += _vertex(faded[row - 1, column], faded[row, column], faded[row + 1, column])
+    return right, lower, float(faded[row, column]), float(response[row, column])
+
+
+@kernel()
+def register(
+    a: Plane, b: Plane, flow: Image, prior: Plane, turning: float, error: Plane, weight: Plane, motion: Numbers
+) -> None:
+    """Weigh the pixels of a flow field and fit its motion: :func:`residual_weights`, then :func:`fit_motion`."""
+    _residual_weights(a, b, flow, prior, error, weight)
+    fit_motion(flow, weight, turning, motion)

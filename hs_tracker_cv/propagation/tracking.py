@@ -182,9 +182,9 @@ def _register(
     key: F32, current: F32, prior: F32, p: PropagationParams, levels: int
 ) -> tuple[F32, F32, NDArray[np.float64]]:
     """Flow key → current, the weight of each pixel and the motion fitted to it."""
-    flow, weight = _flow(key, current, p, levels), np.empty_like(prior)
-    patches.residual_weights(key, current, flow, prior, weight)
-    return flow, weight, _fit(flow, weight, p)
+    flow, weight, motion = _flow(key, current, p, levels), np.empty_like(prior), np.empty(7)
+    patches.register(key, current, flow, prior, float(p.rotation), np.empty_like(prior), weight, motion)
+    return flow, weight, motion
 
 
 def _applied(pose: Pose, motion: NDArray[np.float64], g: Geometry, limit: float) -> Pose:
