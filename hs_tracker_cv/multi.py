@@ -83,7 +83,14 @@ class MultiTrackerHS:
             True when every object was located.
         boxes : ndarray, shape (N, 4), float64
             x, y, w, h in px in the order of `objects`; a row of zeros for each object not located.
+
+        Raises
+        ------
+        InputError
+            If the image cannot be the next frame of every object; then none of them has moved on.
         """
+        for tracker in self._trackers.values():
+            tracker.check(image)
         answers = {identity: tracker.update(image) for identity, tracker in self._trackers.items()}
         self._boxes = {identity: box for identity, (_, box) in answers.items()}
         return all(ok for ok, _ in answers.values()), self.getObjects()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -86,3 +88,31 @@ def test_a_frame_of_another_video_changes_nothing(bad: object) -> None:
         (ok, answers), (expected, boxes_of_all) = (multi.update(frame) for multi in multis)
         assert ok == expected
         np.testing.assert_array_equal(answers, boxes_of_all)
+
+
+def test_a_frame_that_one_object_refuses_moves_none() -> None:
+    """Objects of videos of two sizes: the error comes before any object has taken the frame in."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multi, alone = MultiTrackerHS_create(), TrackerHS_create()
+    first = multi.add(TrackerHS_create(), frames[0], boxes[0])
+    alone.init(frames[0], boxes[0])
+    other = multi.add(TrackerHS_create(), frames[0][:60], (10, 10, 30, 30))
+    before = pickle.dumps(multi.objects[first])
+    with pytest.raises(InputError, match="60"):
+        multi.update(frames[1])
+    assert pickle.dumps(multi.objects[first]) == before
+    multi.remove(other)
+    assert tuple(multi.update(frames[1])[1][0]) == alone.update(frames[1])[1]
+
+
+def test_a_dropped_frame_moves_none() -> None:
+    """None and an empty image are answered with zeros, and nothing is forgotten."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multi, alone = MultiTrackerHS_create(), TrackerHS_create()
+    multi.add(TrackerHS_create(), frames[0], boxes[0])
+    alone.init(frames[0], boxes[0])
+    for image in (None, np.empty((0, 0, 3), np.uint8)):
+        ok, answers = multi.update(image)
+        assert not ok
+        np.testing.assert_array_equal(answers, [[0, 0, 0, 0]])
+    assert tuple(multi.update(frames[1])[1][0]) == alone.update(frames[1])[1]
