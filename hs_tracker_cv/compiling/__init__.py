@@ -17,7 +17,19 @@ from weakref import WeakSet
 
 from . import cache
 
-__all__ = ["Intrinsic", "Kernel", "Part", "intrinsic", "kernel", "larger", "local", "part", "root", "smaller"]
+__all__ = [
+    "Intrinsic",
+    "Kernel",
+    "Part",
+    "intrinsic",
+    "kernel",
+    "larger",
+    "local",
+    "part",
+    "prepare_all",
+    "root",
+    "smaller",
+]
 
 _LOCK = threading.RLock()
 _KERNELS: WeakSet[Kernel] = WeakSet()
@@ -80,6 +92,12 @@ class Kernel:
     def _first_run(self, *arguments: Any) -> Any:
         self.prepare()
         return self._run(*arguments)
+
+
+def prepare_all() -> None:
+    """Load or compile the machine code of every kernel of the modules imported so far."""
+    for kernel in sorted(_KERNELS, key=lambda kernel: kernel.name):
+        kernel.prepare()
 
 
 class Part:
