@@ -336,7 +336,8 @@ def test_whoever_waited_for_pure_python_keeps_the_interpreter_for_as_long(small)
     """Beside a thread that never lets go, kernels give the interpreter away once in a while, not every time."""
     from hs_tracker_cv.compiling import loading
 
-    until = loading._numbers()[loading.UNTIL]
+    until, kept = (loading._numbers()[name] for name in (loading.UNTIL, loading.KEPT))
+    usual = kept.value
     arguments = np.ones((2000, 500), np.float32), 0.5, np.zeros(2000)  # long enough for the other thread to wake up
 
     def unshared() -> bool:
@@ -360,12 +361,12 @@ def test_whoever_waited_for_pure_python_keeps_the_interpreter_for_as_long(small)
         thread.start()
         while until.value == 0:  # the other thread has to notice that the interpreter is free
             small.norms(*arguments)
-        until.value = 2**64 - 1  # that time lasts; only Python itself, every 50 ms, lets the other thread go on
+        kept.value, until.value = 2**62, until.value + 2**61  # only Python itself, every 50 ms, lets the other go on
         assert any(unshared() for _ in range(20))
         until.value = 0
         assert not all(unshared() for _ in range(20))
     finally:
         stop.set()
-        until.value = 0
+        until.value, kept.value = 0, usual
         thread.join()
         sys.setswitchinterval(interval)

@@ -421,7 +421,9 @@ class _Entry:
         builder = self.builder
         turn = ir.GlobalVariable(self.module, _INT, TURN)
         until = ir.GlobalVariable(self.module, _SIZE, UNTIL)
-        keeps = builder.icmp_unsigned("<", self._ticks(), builder.load(until))
+        kept = builder.load(ir.GlobalVariable(self.module, _SIZE, KEPT))
+        # A difference without a sign: a clock set back by a machine that slept must not keep the lock for hours.
+        keeps = builder.icmp_unsigned("<", builder.sub(builder.load(until), self._ticks()), kept)
         thread = builder.alloca(_POINTER)
         with builder.if_then(builder.not_(keeps)):
             builder.store(self._call("PyEval_SaveThread"), thread)
@@ -433,14 +435,14 @@ class _Entry:
             self._call("PyEval_RestoreThread", builder.load(thread))
             after = self._ticks()
             with builder.if_then(builder.icmp_unsigned(">", builder.sub(after, before), _SIZE(LONG))):
-                builder.store(builder.add(after, _SIZE(KEPT)), until)
+                builder.store(builder.add(after, kept), until)
         self._unless("==", status.is_error, ir.IntType(1)(0), self.wrong)
         return result
 
     def _ticks(self) -> Any:
-        """Time of the processor's clock, where it has one that can be read by everybody."""
+        """Time of the processor's clock; a time long past where it has none that everybody can read."""
         if not llvm.get_process_triple().startswith("x86_64"):
-            return _SIZE(0)
+            return _SIZE(1 << 63)
         kind = ir.FunctionType(_SIZE, [])
         return self.builder.call(cgutils.get_or_insert_function(self.module, kind, "llvm.readcyclecounter"), [])
 
