@@ -131,20 +131,15 @@ def _with_fields(**values: Any) -> Callable[[Any], Any]:
     return lambda params: replace(params, **values)
 
 
-def _without_memory(weigh: Any) -> Any:
+def _without_memory(counts_of: Any) -> Any:
     """Background known from the last frame only: no pixel of its memory counts as seen."""
 
-    def weigh_frame_pair(state: Any, view: Any, expected: Any, moves: Any) -> Any:
-        motion, kernels = (import_module(f"{_LIBRARY}.layers.{name}") for name in ("motion", "kernels"))
-        counts = moves.atlas.counts.copy()
+    def unseen(moves: Any) -> Any:
+        counts = counts_of(moves).copy()
         counts[0] = np.minimum(counts[0], 0.0)
-        # the library moves the last frame only where it means to look at it
-        carried = np.empty_like(state.previous)
-        kernels.resample(state.previous, motion.inverse_matrix(moves.theta, moves.grid), True, 0.0, carried)
-        moves = moves._replace(atlas=replace(moves.atlas, counts=counts))
-        return weigh(state, view, expected._replace(carried=carried), moves)
+        return counts
 
-    return weigh_frame_pair
+    return unseen
 
 
 def _never_occluded(judge: Any) -> Any:
@@ -233,7 +228,7 @@ ABLATIONS: dict[str, Ablation] = {
         "registration of the camera to the background memory",
         (Cut("layers.motion", "_CAMERA_STEPS", lambda _: 0),),
     ),
-    "no-memory": Ablation("layers", "background memory", (Cut("layers.labelling", "weigh", _without_memory),)),
+    "no-memory": Ablation("layers", "background memory", (Cut("layers.labelling", "_counts", _without_memory),)),
     "no-gain": Ablation(
         "layers", "brightness gain (shadow, flicker)", (Cut("layers.labelling", "_GAINS", _one_brightness),)
     ),

@@ -9,7 +9,6 @@ but only where the two overlap. :mod:`~hs_tracker_cv.propagation` uses the one t
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from . import patches
 
-__all__ = ["CorrelationFilter", "Peak", "correlation", "features", "find_peak", "hann", "learn", "respond", "train"]
+__all__ = ["CorrelationFilter", "features", "hann", "learn", "respond", "train"]
 
 F32 = NDArray[np.float32]
 C64 = NDArray[np.complex64]
@@ -105,16 +104,17 @@ def train(channels: F32, sigma: float) -> CorrelationFilter:
     wanted = np.exp(-(y[:, None] ** 2 + x[None, :] ** 2) / (2.0 * sigma * sigma)).astype(np.float32)
     target = _transform(wanted)
     spectrum = _transform(channels)
-    return CorrelationFilter(target, target * spectrum.conj(), _power(spectrum))
+    return CorrelationFilter(target, np.ascontiguousarray(target * spectrum.conj()), _power(spectrum))
 
 
 def learn(old: CorrelationFilter, channels: F32, rate: float) -> CorrelationFilter:
     """Return the filter with one more window mixed in at `rate` (0–1)."""
     spectrum = _transform(channels)
-    rate32 = np.float32(rate)
-    keep = np.float32(1.0 - rate)
-    numerator = keep * old.numerator + (rate32 * old.target) * spectrum.conj()
-    return replace(old, numerator=numerator, energy=keep * old.energy + rate32 * _power(spectrum))
+    numerator, energy = np.empty_like(old.numerator), np.empty_like(old.energy)
+    patches.mix(
+        _parts(old.numerator), old.energy, _parts(old.target), _parts(spectrum), rate, _parts(numerator), energy
+    )
+    return replace(old, numerator=numerator, energy=energy)
 
 
 def respond(filter_: CorrelationFilter, channels: F32) -> F32:
@@ -127,8 +127,8 @@ def respond(filter_: CorrelationFilter, channels: F32) -> F32:
     """
     spectrum = _transform(channels)
     height, width = channels.shape[1:]
-    floor = np.float32(_REGULARISATION * channels.shape[0] * height * width)
-    product = (filter_.numerator * spectrum).sum(axis=0) / (filter_.energy + floor)
+    floor, product = _REGULARISATION * channels.shape[0] * height * width, np.empty_like(filter_.target)
+    patches.respond(_parts(filter_.numerator), _parts(spectrum), filter_.energy, floor, _parts(product))
     response = np.fft.irfft(np.fft.ifft(product, axis=0), n=width).astype(np.float32, copy=False)
     shifted = np.empty_like(response)
     down, across = height // 2, width // 2
@@ -137,47 +137,16 @@ def respond(filter_: CorrelationFilter, channels: F32) -> F32:
     return shifted
 
 
-@dataclass(frozen=True)
-class Peak:
-    """Highest point of a response, with sub-sample displacement (dx, dy) from the centre, samples."""
-
-    dx: float
-    dy: float
-    height: float
-
-
-def find_peak(score: F32) -> Peak:
-    """Highest point of a score map whose zero displacement is at ``[h // 2, w // 2]``; parabolic sub-sample."""
-    _, _, _, (x, y) = cv2.minMaxLoc(score)
-    height, width = score.shape
-    dx, dy = float(x - width // 2), float(y - height // 2)
-    if 0 < x < width - 1:
-        dx += _vertex(float(score[y, x - 1]), float(score[y, x]), float(score[y, x + 1]))
-    if 0 < y < height - 1:
-        dy += _vertex(float(score[y - 1, x]), float(score[y, x]), float(score[y + 1, x]))
-    return Peak(dx, dy, float(score[y, x]))
-
-
-def correlation(a: F32, b: F32, weights: F32) -> float:
-    """Weighted normalised cross-correlation of two patches, −1 to 1."""
-    total = float(weights.sum())
-    a = a - np.float32(float(np.vdot(weights, a)) / total)
-    b = b - np.float32(float(np.vdot(weights, b)) / total)
-    weighted = weights * a
-    power = float(np.vdot(weighted, a)) * float(np.vdot(weights * b, b))
-    return float(np.vdot(weighted, b)) / math.sqrt(power + 1e-6)
-
-
 def _transform(plane: F32) -> C64:
     # rfft2 is these two, after a search for what its arguments mean.
-    return np.fft.fft(np.fft.rfft(plane), axis=-2).astype(np.complex64, copy=False)
+    return np.ascontiguousarray(np.fft.fft(np.fft.rfft(plane), axis=-2), np.complex64)
+
+
+def _parts(spectrum: C64) -> F32:
+    """Real and imaginary parts in turn."""
+    return spectrum.view(np.float32)
 
 
 def _power(spectrum: C64) -> F32:
     power: F32 = (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
     return power
-
-
-def _vertex(left: float, middle: float, right: float) -> float:
-    curve = left - 2.0 * middle + right
-    return 0.0 if curve >= 0.0 else min(max(0.5 * (left - right) / curve, -0.5), 0.5)

@@ -217,16 +217,11 @@ def _parsed(kind: type[Kind], arguments: Sequence[str], program: str) -> Kind:
 
 def _warmup() -> int:
     """Compile and cache every kernel, so that the first real video starts at once."""
-    from . import patches
-    from .compiling import Kernel
-    from .flow import kernels as flow
-    from .layers import kernels as layers
+    from . import tracker  # noqa: F401  # and with it all modules that have kernels
+    from .compiling import prepare_all
 
     started = time.perf_counter()
-    for module in (flow, layers, patches):
-        for value in vars(module).values():
-            if isinstance(value, Kernel):
-                value.prepare()
+    prepare_all()
     print(f"{PROGRAM}: kernels ready after {time.perf_counter() - started:.1f} s")
     return 0
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import copy
 from types import MappingProxyType
 from typing import Any
 
@@ -93,16 +92,11 @@ class MultiTrackerHS:
         Raises
         ------
         InputError
-            If the image cannot be the next frame of one of the objects: none of them takes it in then.
+            If the image cannot be the next frame of every object; then none of them has moved on.
         """
-        # A track is replaced, never changed, so that a shallow copy is the tracker as it was.
-        before = {identity: copy(tracker) for identity, tracker in self._trackers.items()}
-        try:
-            answers = {identity: tracker.update(image) for identity, tracker in self._trackers.items()}
-        except BaseException:
-            for identity, tracker in self._trackers.items():
-                vars(tracker).update(vars(before[identity]))
-            raise
+        for tracker in self._trackers.values():
+            tracker.check(image)
+        answers = {identity: tracker.update(image) for identity, tracker in self._trackers.items()}
         self._boxes = {identity: box for identity, (_, box) in answers.items()}
         return all(ok for ok, _ in answers.values()), self.getObjects()
 

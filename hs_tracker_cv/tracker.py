@@ -221,18 +221,24 @@ class TrackerHS:
             Before a successful `init`, or for an image that cannot belong to the same video; the track is
             as if the call had not been made.
         """
-        if self._track is None:
-            raise InputError("update needs a successful init first")
-        if isinstance(image, cv2.UMat):
-            image = image.get()
-        if image is None or (isinstance(image, np.ndarray) and image.size == 0):
-            return False, NOWHERE
         frame = self._frame(image)
+        if self._track is None or frame is None:
+            return False, NOWHERE
         if self._track.first is None or not self._track.first.again(frame):
             self._track = _advance(self._track, frame)
         if self._track.state != "tracking":
             return False, NOWHERE
         return True, self._track.box.rounded()
+
+    def check(self, image: Any) -> None:
+        """Raise what `update` would raise for an image; nothing changes.
+
+        Raises
+        ------
+        InputError
+            As :meth:`update` does.
+        """
+        self._frame(image)
 
     def getTrackingScore(self) -> float:
         """Confidence in the last answer, in [0, 1]; 0 before a successful `init`."""
@@ -285,8 +291,14 @@ class TrackerHS:
             choice=track.choice,
         )
 
-    def _frame(self, image: Any) -> Frame:
-        """Check that an image can be the next frame of this video."""
+    def _frame(self, image: Any) -> Frame | None:
+        """Check that an image can be the next frame of this video; None for a frame that was dropped."""
+        if self._track is None:
+            raise InputError("update needs a successful init first")
+        if isinstance(image, cv2.UMat):
+            image = image.get()
+        if image is None or (isinstance(image, np.ndarray) and image.size == 0):
+            return None
         same_kind = isinstance(image, np.ndarray) and image.dtype == self._dtype
         frame = as_frame(image, self._gain if same_kind else None)
         if frame.pixels.shape != self._shape:

@@ -195,6 +195,23 @@ def test_a_kernel_calls_another_in_numbas_way(place):
     assert run(environment, "import sys, small; assert small.leans(3) == 4.0; print('numba' in sys.modules)")
 
 
+def test_a_package_is_compiled_together(place):
+    """The first call compiles all kernels of the package; what cannot be compiled is left to its own call."""
+    tmp_path, environment = place
+    (tmp_path / "kin").mkdir()
+    (tmp_path / "kin" / "__init__.py").touch()
+    (tmp_path / "small.py").rename(tmp_path / "kin" / "small.py")
+    (tmp_path / "kin" / "other.py").write_text(
+        "from hs_tracker_cv.compiling import kernel\n\n@kernel()\ndef next_one(n: int) -> int:\n    return n + 1\n"
+    )
+    code = "import sys\nfrom kin import other, small\nassert other.next_one(2) == 3\nprint('numba' in sys.modules)\n"
+    assert run(environment, code)
+    names = sorted(file.name.split("-")[0] for file in (tmp_path / "cache").iterdir())
+    assert names == ["kin.other.next_one", *(f"kin.small.{name}" for name in ("both", "leans", "longest", "norms"))]
+    assert not run(environment, LINKED.replace("sys, small", "sys\nfrom kin import small"))
+    assert run(environment, code.replace("other.next_one", "small.allocates").replace("== 3", "== 2"))
+
+
 def test_inside_an_archive(place):
     """A package in a zip file compiles, keeps its machine code in the user's cache, and loads it."""
     import zipfile
@@ -319,7 +336,8 @@ def test_whoever_waited_for_pure_python_keeps_the_interpreter_for_as_long(small)
     """Beside a thread that never lets go, kernels give the interpreter away once in a while, not every time."""
     from hs_tracker_cv.compiling import loading
 
-    until = loading._numbers()[loading.UNTIL]
+    until, kept = (loading._numbers()[name] for name in (loading.UNTIL, loading.KEPT))
+    usual = kept.value
     arguments = np.ones((2000, 500), np.float32), 0.5, np.zeros(2000)  # long enough for the other thread to wake up
 
     def unshared() -> bool:
@@ -343,12 +361,12 @@ def test_whoever_waited_for_pure_python_keeps_the_interpreter_for_as_long(small)
         thread.start()
         while until.value == 0:  # the other thread has to notice that the interpreter is free
             small.norms(*arguments)
-        until.value = 2**64 - 1  # that time lasts; only Python itself, every 50 ms, lets the other thread go on
+        kept.value, until.value = 2**62, until.value + 2**61  # only Python itself, every 50 ms, lets the other go on
         assert any(unshared() for _ in range(20))
         until.value = 0
         assert not all(unshared() for _ in range(20))
     finally:
         stop.set()
-        until.value = 0
+        until.value, kept.value = 0, usual
         thread.join()
         sys.setswitchinterval(interval)

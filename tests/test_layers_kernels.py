@@ -439,3 +439,32 @@ def test_colours_are_learned_of_object_and_ground() -> None:
         counts[bin_seen] = 1.0
         before = random_histograms()[which]
         np.testing.assert_allclose(found.colours[which], before + 0.1 * (smoothed(counts) - before), atol=1e-7)
+
+
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_explaining_is_moving_and_weighing(everywhere: bool) -> None:
+    """One call gives what the two kernels give that it is made of."""
+    rng = np.random.default_rng(9)
+    previous, obj, image, background, moved = rng.uniform(0, 255, (5, H, W, 3)).astype(np.float32)
+    odds, shape = rng.uniform(-3, 4, (H, W)).astype(np.float32), rng.uniform(0, 1, (H, W)).astype(np.float32)
+    counts = rng.integers(0, 9, (3, H, W)).astype(np.float32)
+    inverse, part = np.array((1.02, 0.01, -3.3, -0.02, 0.98, 2.6)), np.array((5, 0, W - 4, H - 7))
+    inside = np.array((3, 4, W, H - 2))
+    knobs = np.array((0.02, 0.12, 1.8, 0.9, 0.0, 2.5, 0.35, 2.5, 0.6, 1.7), np.float32)
+    rows = np.empty((27, W + 4), np.float32)
+    kinds = [(previous, np.float32), (obj, np.float32), (odds, np.float32), (shape, np.float32), (odds, np.uint8)]
+    one, two = ([np.empty(like.shape, kind) for like, kind in kinds] for _ in range(2))
+    errors, fresh = np.empty((2, 4, H, W), np.float32), np.empty((2, H, W), np.uint8)
+    kernels.carry(previous, obj, odds, shape, counts, inverse, part, everywhere, *one)
+    wanted = kernels.evidence(
+        image, background, moved, *one[:3], counts, part, inside, knobs, rows, errors[0], fresh[0]
+    )
+    found = kernels.explain(
+        previous, obj, odds, shape, inverse, everywhere, image, background, moved, counts, part, inside, knobs, rows,
+        *two, errors[1], fresh[1],
+    )  # fmt: skip
+    assert found == wanted
+    for mine, other in ((one, two), (errors[:1], errors[1:]), (fresh[:1], fresh[1:])):
+        for a, b in zip(mine, other, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert 0.0 < found < 1.0

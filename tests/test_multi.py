@@ -7,10 +7,11 @@ import pickle
 from typing import Any
 
 import cv2
+
 import numpy as np
 import pytest
 
-from hs_tracker_cv import MultiTrackerHS, MultiTrackerHS_create, TrackerHS, TrackerHS_create
+from hs_tracker_cv import MultiTrackerHS, MultiTrackerHS_create, TrackerHS_create
 from hs_tracker_cv.frames import InputError
 from tests.conftest import moving_square
 
@@ -118,28 +119,17 @@ def test_objects_of_differing_frames_advance_together_or_not_at_all(kind: str, o
             multi.update(frame)
         assert known(multi) == before
     assert not multi.update(None)[0]
-    multi.remove(2 if order == 1 else 1)
+    odd = 2 if order == 1 else 1
+    with pytest.raises(InputError, match="boundingBox"):
+        multi.objects[odd].init(frames[0], (0, 0, 0, 0))
+    before = known(multi)
+    with pytest.raises(InputError, match="successful init"):
+        multi.update(frames[4])
+    assert known(multi) == before
+    multi.remove(odd)
     for frame in frames[1:5]:
         ok, answers = multi.update(frame)
         assert (ok, tuple(answers[0])) == alone.update(frame)
-
-
-def test_an_interrupted_update_advances_nothing() -> None:
-    """Ctrl-C between two objects leaves all of them where they were."""
-    frames, boxes = moving_square(np.random.default_rng(3))
-
-    class Interrupted(TrackerHS):
-        def update(self, image: Any) -> tuple[bool, tuple[int, int, int, int]]:
-            super().update(image)
-            raise KeyboardInterrupt
-
-    multi = MultiTrackerHS_create()
-    multi.add(TrackerHS_create(), frames[0], boxes[0])
-    multi.add(Interrupted(), frames[0], boxes[0])
-    before = known(multi)
-    with pytest.raises(KeyboardInterrupt):
-        multi.update(frames[3])
-    assert known(multi) == before
 
 
 def test_a_tracker_cannot_follow_two_objects() -> None:
@@ -168,3 +158,31 @@ def test_copies_go_on_alone(duplicate: Any) -> None:
     assert [twin.update(frame)[1].tolist() for frame in frames[2:5]] == expected
     twin.remove(1)
     assert list(multi.objects) == [1, 2]
+
+
+def test_a_frame_that_one_object_refuses_moves_none() -> None:
+    """Objects of videos of two sizes: the error comes before any object has taken the frame in."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multi, alone = MultiTrackerHS_create(), TrackerHS_create()
+    first = multi.add(TrackerHS_create(), frames[0], boxes[0])
+    alone.init(frames[0], boxes[0])
+    other = multi.add(TrackerHS_create(), frames[0][:60], (10, 10, 30, 30))
+    before = pickle.dumps(multi.objects[first])
+    with pytest.raises(InputError, match="60"):
+        multi.update(frames[1])
+    assert pickle.dumps(multi.objects[first]) == before
+    multi.remove(other)
+    assert tuple(multi.update(frames[1])[1][0]) == alone.update(frames[1])[1]
+
+
+def test_a_dropped_frame_moves_none() -> None:
+    """None and an empty image are answered with zeros, and nothing is forgotten."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multi, alone = MultiTrackerHS_create(), TrackerHS_create()
+    multi.add(TrackerHS_create(), frames[0], boxes[0])
+    alone.init(frames[0], boxes[0])
+    for image in (None, np.empty((0, 0, 3), np.uint8)):
+        ok, answers = multi.update(image)
+        assert not ok
+        np.testing.assert_array_equal(answers, [[0, 0, 0, 0]])
+    assert tuple(multi.update(frames[1])[1][0]) == alone.update(frames[1])[1]

@@ -13,12 +13,28 @@ import math
 import threading
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakSet
 
 from . import cache
 
-__all__ = ["Intrinsic", "Kernel", "Part", "intrinsic", "kernel", "larger", "local", "part", "root", "smaller"]
+__all__ = [
+    "Intrinsic",
+    "Kernel",
+    "Part",
+    "intrinsic",
+    "kernel",
+    "larger",
+    "local",
+    "part",
+    "prepare_all",
+    "root",
+    "smaller",
+]
 
 _LOCK = threading.RLock()
+_KERNELS: WeakSet[Kernel] = WeakSet()
+_COMPILED: dict[str, bytes] = {}
+"""Machine code that was made along with another kernel's and is not loaded yet."""
 
 
 class Kernel:
@@ -35,6 +51,7 @@ class Kernel:
         # Read now: when the machine code is made, the file may hold a later version than this process runs.
         self.sources = cache.sources(self._modules())
         self._run: Callable[..., Any] = self._first_run
+        _KERNELS.add(self)
 
     def __call__(self, *arguments: Any) -> Any:
         """Run the machine code; the interpreter is free for other threads meanwhile."""
@@ -44,6 +61,15 @@ class Kernel:
     def name(self) -> str:
         """Name of the machine code."""
         return f"{self.py_func.__module__}.{self.py_func.__name__}"
+
+    @property
+    def ready(self) -> bool:
+        """True once the machine code is loaded."""
+        return self._run != self._first_run
+
+    def place(self) -> cache.Entry:
+        """Where the machine code is kept."""
+        return cache.Entry(self.py_func, self.sources)
 
     def called(self) -> list[Kernel]:
         """Return the kernels that this one calls, itself or by its parts."""
@@ -60,12 +86,18 @@ class Kernel:
     def prepare(self) -> None:
         """Load or compile the machine code, as the first call would."""
         with _LOCK:
-            if self._run == self._first_run:
+            if not self.ready:
                 self._run = _machine_code(self)
 
     def _first_run(self, *arguments: Any) -> Any:
         self.prepare()
         return self._run(*arguments)
+
+
+def prepare_all() -> None:
+    """Load or compile the machine code of every kernel of the modules imported so far."""
+    for kernel in sorted(_KERNELS, key=lambda kernel: kernel.name):
+        kernel.prepare()
 
 
 class Part:
@@ -194,8 +226,7 @@ def _machine_code(kernel: Kernel) -> Callable[..., Any]:
     for other in called:
         other.prepare()
     if all(loading.loaded(other.name) for other in called):
-        place = cache.Entry(kernel.py_func, kernel.sources)
-        code = place.read() or _compiled(kernel, place)
+        code = _COMPILED.pop(kernel.name, None) or kernel.place().read() or _compiled(kernel)
         if code is not None:
             return loading.function(code, kernel.name)
     from .numba_function import dispatcher
@@ -204,16 +235,23 @@ def _machine_code(kernel: Kernel) -> Callable[..., Any]:
     return function
 
 
-def _compiled(kernel: Kernel, place: cache.Entry) -> bytes | None:
-    """Compile a kernel and keep its machine code; None if Numba has to run it in its own way."""
-    try:
-        from .object_code import object_code
+def _compiled(kernel: Kernel) -> bytes | None:
+    """Compile a kernel; None if Numba has to run it in its own way.
 
-        code = object_code(kernel)
-    except Exception:  # a Numba whose inner names have changed, or a kernel that needs more than bare code
+    What else there is of its package is compiled with it, since it will be wanted, and together it takes less time.
+    """
+    try:
+        from .object_code import object_codes
+    except Exception:  # a Numba whose inner names have changed
         return None
-    place.write(code)
-    return code
+    package, _, module = kernel.name.partition(".")
+    kin = [other for other in _KERNELS if module.count(".") and other.name.startswith(f"{package}.")]
+    missing = [other for other in kin if other is not kernel and not other.ready and other.place().read() is None]
+    for other, code in zip([kernel, *missing], object_codes([kernel, *missing]), strict=True):
+        if code is not None:
+            other.place().write(code)
+            _COMPILED[other.name] = code
+    return _COMPILED.pop(kernel.name, None)
 
 
 def _select(comparison: str) -> Intrinsic:

@@ -89,7 +89,7 @@ def _user_directory() -> Path:
 def sources(modules: Iterable[str]) -> bytes | None:
     """Contents of these modules' files and this package's; None if one has none, so that nothing is kept on disk."""
     # By name, since importing them would import Numba.
-    own = (f"{__package__}{name}" for name in ("", ".object_code", ".numba_function"))
+    own = (f"{__package__}{name}" for name in ("", ".loading", ".object_code", ".numba_function"))
     contents = [_module_bytes(name) for name in (*own, *modules)]
     return None if None in contents else b"".join(content or b"" for content in contents)
 

@@ -52,8 +52,11 @@ every thread, and then lets others have it again.
 LONG = 8_000_000
 """Ticks of that clock: 2 to 4 ms. To wait so long is to wait for a thread of pure Python, not for another tracker."""
 
-KEPT = 15_000_000
-"""Ticks for which the lock is then kept: 4 to 8 ms."""
+KEPT = "hs_tracker_cv_kept"
+"""Name of an integer: for how many ticks the lock is then kept."""
+
+_KEPT = 15_000_000
+"""4 to 8 ms."""
 
 _LOADED: set[str] = set()
 _FASTCALL = 0x80  # METH_FASTCALL
@@ -75,7 +78,7 @@ def _numbers() -> dict[str, ctypes.c_int32 | ctypes.c_uint64]:
     """Integers of this process that machine code refers to."""
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     patience = ctypes.c_int32(_LOOKS if processors > 1 else 0)
-    return {TURN: ctypes.c_int32(0), PATIENCE: patience, UNTIL: ctypes.c_uint64(0)}
+    return {TURN: ctypes.c_int32(0), PATIENCE: patience, UNTIL: ctypes.c_uint64(0), KEPT: ctypes.c_uint64(_KEPT)}
 
 
 @cache

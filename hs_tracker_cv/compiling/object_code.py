@@ -8,11 +8,13 @@ of the stable C interface, so object code runs in any process that has LLVM's lo
 # mypy: allow-untyped-calls, allow-untyped-decorators, disable-error-code="misc, call-overload"
 from __future__ import annotations
 
+import ctypes
 import gc
 import operator
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cached_property
 from types import BuiltinFunctionType, FunctionType
@@ -21,11 +23,13 @@ from typing import Any, ClassVar
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
 import numpy as np
 from llvmlite import ir
+from llvmlite.binding import ffi
 from numba import _dynfunc, types  # type: ignore[attr-defined]
 from numba.core import (
     cgutils,
     codegen,
     compiler,
+    config,
     cpu,
     externals,
     fastmathpass,
@@ -46,7 +50,9 @@ from . import Kernel, Part
 from .loading import C_FUNCTIONS, KEPT, LONG, PATIENCE, TURN, UNTIL, native
 from .numba_function import SETTINGS, function_for, returned, signature
 
-__all__ = ["object_code"]
+__all__ = ["object_codes"]
+
+_CONFIG: Any = config
 
 _POINTER = ir.IntType(8).as_pointer()
 _INT = ir.IntType(32)
@@ -83,7 +89,7 @@ _ALLOWED = {*C_FUNCTIONS, "memcpy", "memmove", "memset"}
 
 
 class _Library(codegen.AOTCodeLibrary):
-    """Code of a kernel or of a part. It is optimised once, as a whole, when a kernel has got all its parts."""
+    """Code of a kernel or of a part. It is optimised once, as a whole, by :func:`_emitted`."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
@@ -95,15 +101,18 @@ class _Library(codegen.AOTCodeLibrary):
         for function in defined:
             if function.name not in (self.name, native(self.name)):
                 function.linkage = "internal"
-        # Once: what Numba's first run over a module serves, counting references, kernels do not do.
-        manager, builder = self._codegen._module_pass_manager()
-        manager.run(self._final_module, builder)
 
 
 class _Codegen(codegen.JITCPUCodegen):
     """Code generator for this processor that does not load what it makes."""
 
     _library_class: Any = _Library
+
+    def machine_options(self) -> dict[str, Any]:
+        """Options of LLVM's target machine."""
+        options: dict[str, Any] = {}
+        self._customize_tm_options(options)
+        return options
 
     def _add_module(self, module: Any) -> None:
         pass
@@ -243,6 +252,9 @@ class _Compiler(compiler.CompilerBase):
 class _Context(cpu.CPUContext):
     """Numba's compiler for the processor, whose functions have our entry and no runtime of Numba's."""
 
+    returned: Any
+    """What the kernel being compiled returns to other kernels."""
+
     def load_additional_registries(self) -> None:
         super().load_additional_registries()
         self.install_registry(_ELEMENTS)
@@ -337,10 +349,12 @@ class _Entry:
 
     def _define_native(self, fndesc: Any, name: str) -> None:
         """Define the function that other kernels call."""
-        function_type = self.context.get_external_function_type(fndesc)
-        function = ir.Function(self.module, function_type, name)
+        kind, wanted = fndesc.restype, self.context.returned
+        arguments = [self.context.get_value_type(one) for one in fndesc.argtypes]
+        function = ir.Function(self.module, ir.FunctionType(self.context.get_value_type(wanted), arguments), name)
         builder = ir.IRBuilder(function.append_basic_block())
-        builder.ret(self._call_compiled(builder, fndesc, list(function.args))[1])
+        _, result = self._call_compiled(builder, fndesc, list(function.args))
+        builder.ret(self.context.cast(builder, result, kind, wanted))
 
     def _call(self, name: str, *arguments: Any) -> Any:
         return self.builder.call(cgutils.get_or_insert_function(self.module, _C_FUNCTIONS[name], name), arguments)
@@ -407,7 +421,9 @@ class _Entry:
         builder = self.builder
         turn = ir.GlobalVariable(self.module, _INT, TURN)
         until = ir.GlobalVariable(self.module, _SIZE, UNTIL)
-        keeps = builder.icmp_unsigned("<", self._ticks(), builder.load(until))
+        kept = builder.load(ir.GlobalVariable(self.module, _SIZE, KEPT))
+        # A difference without a sign: a clock set back by a machine that slept must not keep the lock for hours.
+        keeps = builder.icmp_unsigned("<", builder.sub(builder.load(until), self._ticks()), kept)
         thread = builder.alloca(_POINTER)
         with builder.if_then(builder.not_(keeps)):
             builder.store(self._call("PyEval_SaveThread"), thread)
@@ -419,14 +435,14 @@ class _Entry:
             self._call("PyEval_RestoreThread", builder.load(thread))
             after = self._ticks()
             with builder.if_then(builder.icmp_unsigned(">", builder.sub(after, before), _SIZE(LONG))):
-                builder.store(builder.add(after, _SIZE(KEPT)), until)
+                builder.store(builder.add(after, kept), until)
         self._unless("==", status.is_error, ir.IntType(1)(0), self.wrong)
         return result
 
     def _ticks(self) -> Any:
-        """Time of the processor's clock, where it has one that can be read by everybody."""
+        """Time of the processor's clock; a time long past where it has none that everybody can read."""
         if not llvm.get_process_triple().startswith("x86_64"):
-            return _SIZE(0)
+            return _SIZE(1 << 63)
         kind = ir.FunctionType(_SIZE, [])
         return self.builder.call(cgutils.get_or_insert_function(self.module, kind, "llvm.readcyclecounter"), [])
 
@@ -509,34 +525,83 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def object_code(kernel: Kernel) -> bytes:
-    """Compile a kernel to an object file with the functions of its name, for Python and for other kernels."""
-    name = kernel.name
+def object_codes(kernels: Sequence[Kernel]) -> list[bytes | None]:
+    """Compile kernels to object files with the functions of their names, for Python and for other kernels.
+
+    While Numba turns a kernel into LLVM code, a second thread has LLVM optimise the one before: that is nearly half
+    of the work, and Python's lock is not needed for it.
+
+    Returns
+    -------
+    list of bytes or None
+        None for a kernel that cannot be had in this way.
+    """
+    with _uncollected(), ThreadPoolExecutor(1) as pool:
+        pending = [_started(kernel, pool) for kernel in kernels]
+        return [None if one is None or one.exception() else one.result() for one in pending]
+
+
+def _started(kernel: Kernel, pool: Executor) -> Future[bytes] | None:
+    try:
+        with global_compiler_lock:
+            bitcode = _bitcode(kernel)
+        linked = frozenset(native(other.name) for other in kernel.called())
+        return pool.submit(_emitted, kernel.name, bitcode, linked)
+    except Exception:  # a Numba whose inner names have changed, or a kernel that needs more than bare code
+        return None
+
+
+def _bitcode(kernel: Kernel) -> bytes:
+    """LLVM code of a kernel with all its parts, not optimised."""
     target = _Dispatcher.targetdescr
     flags = compiler.Flags()
     options = {**_SETTINGS, "nopython": True, "no_cfunc_wrapper": True, **kernel.options}
     target.options.parse_as_flags(flags, options)
-    with global_compiler_lock, _uncollected():
-        result = compiler.compile_extra(
-            target.typing_context,
-            target.target_context,
-            function_for(kernel, _compiled),
-            args=signature(kernel),
-            return_type=None,
-            flags=flags,
-            locals={},
-            library=target.target_context.codegen().create_library(name),
-            pipeline_class=_Compiler,
-        )
-        if result.signature.return_type != returned(kernel):
-            raise TypeError(f"{name} returns {result.signature.return_type}, not {returned(kernel)}")
-        library = result.library
-        code = bytes(library.emit_native_object())
-        _check(name, library.get_llvm_str(), {native(other.name) for other in kernel.called()})
-        return code
+    target.target_context.returned = returned(kernel)
+    result = compiler.compile_extra(
+        target.typing_context,
+        target.target_context,
+        function_for(kernel, _compiled),
+        args=signature(kernel),
+        return_type=None,
+        flags=flags,
+        locals={},
+        library=target.target_context.codegen().create_library(kernel.name),
+        pipeline_class=_Compiler,
+    )
+    return bytes(result.library.emit_bitcode())
 
 
-def _check(name: str, text: str, linked: set[str]) -> None:
+def _emitted(name: str, bitcode: bytes, linked: frozenset[str]) -> bytes:
+    """Optimise LLVM code and turn it into an object file.
+
+    In an LLVM context of its own, which no other thread uses: so the two calls that take long can do without
+    llvmlite's lock, which all others of its functions take.
+    """
+    module = llvm.parse_bitcode(bitcode, llvm.create_context())
+    options = _Dispatcher.targetdescr.target_context.codegen().machine_options()
+    machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(**options)
+    tuning = llvm.create_pipeline_tuning_options(speed_level=_CONFIG.OPT)
+    tuning.loop_vectorization, tuning.slp_vectorization = _CONFIG.LOOP_VECTORIZE, _CONFIG.SLP_VECTORIZE
+    builder = llvm.create_pass_builder(machine, tuning)
+    _unlocked("LLVMPY_RunNewModulePassManager")(builder.getModulePassManager(), module, builder)
+    _check(name, str(module), linked)
+    with ffi.OutputString() as error:
+        buffer = _unlocked("LLVMPY_TargetMachineEmitToMemory")(machine, module, 1, error)
+        if not buffer:
+            raise RuntimeError(str(error))
+    try:
+        return ctypes.string_at(ffi.lib.LLVMPY_GetBufferStart(buffer), ffi.lib.LLVMPY_GetBufferSize(buffer))
+    finally:
+        ffi.lib.LLVMPY_DisposeMemoryBuffer(buffer)
+
+
+def _unlocked(name: str) -> Any:
+    """Return one of llvmlite's C functions without its lock."""
+    return getattr(ffi.lib, name)._cfn
+
+
+def _check(name: str, text: str, linked: frozenset[str]) -> None:
     """Raise where optimised code could not run in another process."""
     if "numba.dynamic.globals" in text:
         raise ValueError(f"{name} holds the address of an object of this process")

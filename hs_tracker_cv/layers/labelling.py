@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..geometry import Box
 from . import colour, motion
 from . import mask as masks
-from .kernels import carry, evidence, label
+from .kernels import evidence, explain, label
 from .state import Image, LayersParams, LayersState, Plane
 from .window import View, shifted, shifted_mask, translated
 
@@ -93,30 +93,30 @@ class Sight(NamedTuple):
     box: Box | None
 
 
-def expect(state: LayersState, moves: motion.Moves) -> Expected:
-    """Move both layers to this frame."""
+def expect(state: LayersState, view: View, moves: motion.Moves) -> tuple[Expected, Evidence]:
+    """Move both layers to this frame, and weigh there what it shows."""
     h, w = state.odds.shape
     hidden = state.occlusion.occluded or state.occlusion.coasting > 0 or state.occlusion.suspected > 0
     # it may be looked for elsewhere, or be told from a second mover
     everywhere = hidden or state.distractor is not None
-    part = _whole(h, w) if everywhere else _reach(moves, h, w)
-    carried, obj = np.empty_like(state.previous), np.empty_like(state.obj)
-    odds, shape, own = np.empty_like(state.odds), np.empty_like(state.shape), np.empty((h, w), np.uint8)
-    carry(
-        state.previous, state.obj, state.odds, state.shape, moves.atlas.counts,
-        motion.inverse_matrix(moves.theta, moves.grid), part, everywhere, carried, obj, odds, shape,
-        own,
-    )  # fmt: skip
-    return Expected(
+    expected = Expected(
         background=translated(moves.atlas.image, *moves.atlas.offset),
         moved=translated(state.previous, *moves.camera),
-        carried=carried,
-        odds=odds,
-        own=own,
-        shape=shape,
-        obj=obj,
-        part=part,
+        carried=np.empty_like(state.previous),
+        odds=np.empty_like(state.odds),
+        own=np.empty((h, w), np.uint8),
+        shape=np.empty_like(state.shape),
+        obj=np.empty_like(state.obj),
+        part=_whole(h, w) if everywhere else _reach(moves, h, w),
     )
+    errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
+    alike = explain(
+        state.previous, state.obj, state.odds, state.shape, motion.inverse_matrix(moves.theta, moves.grid),
+        everywhere, view.image, expected.background, expected.moved, _counts(moves), expected.part, view.inside,
+        _knobs(state, view, moves), np.empty((27, w + 4), np.float32), expected.carried, expected.obj, expected.odds,
+        expected.shape, expected.own, errors, fresh,
+    )  # fmt: skip
+    return expected, Evidence(errors, fresh, alike)
 
 
 def expect_nothing(state: LayersState, view: View, moves: motion.Moves, odds: Plane) -> Expected:
@@ -163,16 +163,25 @@ def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Move
     """Evidence per pixel; see `kernels.evidence`."""
     h, w = view.gray.shape
     errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
+    alike = evidence(
+        view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
+        _counts(moves), expected.part, view.inside, _knobs(state, view, moves), np.empty((27, w + 4), np.float32),
+        errors, fresh,
+    )  # fmt: skip
+    return Evidence(errors, fresh, alike)
+
+
+def _counts(moves: motion.Moves) -> NDArray[np.float32]:
+    """How well the evidence may take the background to be known."""
+    return moves.atlas.counts
+
+
+def _knobs(state: LayersState, view: View, moves: motion.Moves) -> NDArray[np.float32]:
     tau = _TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else _TAU_FRACTION
     kappa = _KAPPA_COLOUR if view.colour else 1.0
     occluded = float(state.occlusion.occluded)
     gains = (*_GAINS.ground, *_GAINS.obj)
-    knobs = np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise, *gains), np.float32)
-    alike = evidence(
-        view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
-        moves.atlas.counts, expected.part, view.inside, knobs, np.empty((27, w + 4), np.float32), errors, fresh,
-    )  # fmt: skip
-    return Evidence(errors, fresh, float(alike))
+    return np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise, *gains), np.float32)
 
 
 def in_front(state: LayersState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask | None:

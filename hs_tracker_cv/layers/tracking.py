@@ -112,9 +112,8 @@ def step(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
     """
     view = look(state, frame)
     moves = motion.find(state, view, params)
-    expected = labelling.expect(state, moves)
+    expected, evidence = labelling.expect(state, view, moves)
     in_front = labelling.in_front(state, view, moves, expected)
-    evidence = labelling.weigh(state, view, expected, moves)
     if state.occlusion.occluded or state.occlusion.coasting:
         shift = _search(state, view, expected, evidence[0], in_front)
         if shift != (0, 0):

@@ -12,13 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import anchor
+from .. import patches
 from .state import Geometry, Pose, PropagationParams, PropagationState, halved
 from .view import View
 
 __all__ = ["Carried", "body_weights", "carried_along", "coherence_with", "kept_share", "refreshed"]
 
 F32 = NDArray[np.float32]
+
+_UNKNOWN: F32 = np.empty((0, 0), np.float32)
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ def body_weights(state: PropagationState) -> F32:
 
 def coherence_with(state: PropagationState, patch: F32) -> float:
     """How well a patch continues the last one."""
-    return anchor.correlation(patch, state.model.previous, state.geometry.inner * body_weights(state))
+    return float(patches.correlation(patch, state.model.previous, state.geometry.inner * body_weights(state)))
 
 
 def refreshed(
@@ -72,35 +74,22 @@ def carried_along(
         Patch at `pose`, halved, as the result is.
     """
     g, kept = state.geometry, state.kept
-    if carried.belongs is not None:
-        textured = halved(carried.weight / (carried.weight + np.float32(0.1)))
-        kept = kept * (np.float32(1.0) - textured * np.maximum(1.0 - 2.0 * halved(carried.belongs), 0.0))
     rows, columns = kept.shape
     unit, zoom, turn = 2.0 * g.fine_step * coarse.sx, pose.sx / coarse.sx, pose.angle - coarse.angle
-    along = np.arange(columns, dtype=np.float32) - np.float32(0.5 * (columns - 1))
-    up = np.arange(rows, dtype=np.float32) - np.float32(0.5 * (rows - 1))
     right, down = coarse.offset(pose)
-    cosine, sine = np.float32(zoom * math.cos(turn)), np.float32(zoom * math.sin(turn))
-    x = np.float32(right / unit + 0.5 * (columns - 1)) + cosine * along[None, :] - sine * up[:, None]
-    y = np.float32(down / unit + 0.5 * (rows - 1)) + cosine * up[:, None] + sine * along[None, :]
-    half = carried.flow[1::2, 1::2] * np.float32(0.5)
-    moved, before = _at(x - half[:, :, 0], y - half[:, :, 1], kept, halved(state.model.previous))
-    unchanged = (np.float32(p.changed) - np.abs(before - now)) * np.float32(1.0 / (p.changed - p.same))
-    return np.asarray(moved * np.clip(unchanged, 0.0, 1.0), np.float32)
-
-
-def _at(x: F32, y: F32, *planes: F32) -> list[F32]:
-    """Bilinear reads of planes of one shape; beyond them their border is repeated."""
-    rows, columns = planes[0].shape
-    x, y = np.clip(x, 0.0, columns - 1.001), np.clip(y, 0.0, rows - 1.001)
-    left, top = x.astype(np.int32), y.astype(np.int32)
-    fx, fy, base = x - left, y - top, top * columns + left
-    out = []
-    for plane in planes:
-        one, two = plane.take(base), plane.take(base + columns)
-        one += fx * (plane.take(base + 1) - one)
-        two += fx * (plane.take(base + columns + 1) - two)
-        out.append(np.asarray(one + fy * (two - one), np.float32))
+    place = np.array(
+        (
+            right / unit + 0.5 * (columns - 1),
+            down / unit + 0.5 * (rows - 1),
+            zoom * math.cos(turn),
+            zoom * math.sin(turn),
+            p.same,
+            p.changed,
+        )
+    )
+    belongs = _UNKNOWN if carried.belongs is None else carried.belongs
+    held, out = np.empty((2, rows, columns), np.float32), np.empty((rows, columns), np.float32)
+    patches.carry(kept, carried.flow, state.model.previous, now, carried.weight, belongs, place, held, out)
     return out
 
 

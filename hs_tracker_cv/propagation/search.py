@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import anchor, patches
 from .state import Geometry, Pose, PropagationParams, PropagationState
-from .view import View, bins_of, foreground
+from .view import View, foreground
 
 __all__ = ["Found", "find", "finer", "look"]
 
@@ -37,16 +37,12 @@ def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty:
     g = state.geometry
     likelihood = None
     if state.model.likelihood is not None:
-        likelihood = foreground(bins_of(view.coarse(at)), state.model.likelihood)
+        likelihood, _ = foreground(view.coarse(at), state.model.likelihood)
     response = anchor.respond(state.model.located, anchor.features(view.context(at), likelihood, g.window))
-    across = g.across + np.float32((at.cx - expected.cx) / (g.w * expected.sx))
-    down = g.down + np.float32((at.cy - expected.cy) / (g.h * expected.sy))
-    fade: F32 = np.float32(penalty) * (across * across + down * down)
-    top = anchor.find_peak(response - fade)
-    rows, columns = response.shape
-    row, column = min(round(top.dy) + rows // 2, rows - 1), min(round(top.dx) + columns // 2, columns - 1)
-    pose = at.shifted(top.dx * g.coarse_step * at.sx, top.dy * g.coarse_step * at.sy)
-    return Found(top.height, pose, float(response[row, column]), response, at, likelihood)
+    aside, below = (at.cx - expected.cx) / (g.w * expected.sx), (at.cy - expected.cy) / (g.h * expected.sy)
+    dx, dy, value, height = patches.peak(response, g.across, g.down, aside, below, penalty, np.empty_like(response))
+    pose = at.shifted(dx * g.coarse_step * at.sx, dy * g.coarse_step * at.sy)
+    return Found(value, pose, height, response, at, likelihood)
 
 
 def find(state: PropagationState, view: View, expected: Pose, p: PropagationParams) -> Found:

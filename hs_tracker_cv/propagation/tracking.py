@@ -27,7 +27,7 @@ from .state import (
     halved,
     jump_from,
 )
-from .view import COLOURS, GRAYS, View, bins_of, channels, foreground, histograms_of, likelihood_of
+from .view import COLOURS, GRAYS, View, foreground, histograms_of, likelihood_of
 
 __all__ = ["dismiss", "ride", "start", "step"]
 
@@ -95,7 +95,7 @@ def _window(g: Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, 
 def _first_colour(view: View, pose: Pose, model: Model, g: Geometry) -> float:
     if model.likelihood is None:
         return 1.0
-    likelihood = foreground(bins_of(view.coarse(pose)), model.likelihood)
+    likelihood, _ = foreground(view.coarse(pose), model.likelihood)
     found = Found(0.0, pose, 0.0, likelihood, pose, likelihood)
     fine = finer(found, g)
     return 1.0 if fine is None else float(np.vdot(g.inner, fine))
@@ -103,12 +103,14 @@ def _first_colour(view: View, pose: Pose, model: Model, g: Geometry) -> float:
 
 def _first_model(view: View, g: Geometry, pose: Pose, p: PropagationParams) -> Model:
     fine, raw = view.fine(pose), view.coarse(pose)
-    bins = histograms = likelihood = None
+    histograms = likelihood = seen = None
     if raw.shape[2] == 1 or float(np.abs(raw[:, :, 0] - raw[:, :, 2]).mean()) > _COLOUR_THRESHOLD:
-        bins = bins_of(raw)
-        histograms = histograms_of(bins, GRAYS if raw.shape[2] == 1 else COLOURS, g.inside)
+        count = GRAYS if raw.shape[2] == 1 else COLOURS
+        _, bins = foreground(raw, np.zeros(count, np.float32))
+        histograms = histograms_of(bins, count, g.inside)
         likelihood = likelihood_of(histograms)
-    located = anchor.train(channels(view, pose, bins, likelihood, g), p.filter_sigma)
+        seen, _ = foreground(raw, likelihood)
+    located = anchor.train(anchor.features(view.context(pose), seen, g.window), p.filter_sigma)
     return Model(fine, fine, np.zeros_like(fine), np.ones_like(fine), (fine,), 0, histograms, likelihood, located)
 
 
@@ -180,9 +182,9 @@ def _register(
     key: F32, current: F32, prior: F32, p: PropagationParams, levels: int
 ) -> tuple[F32, F32, NDArray[np.float64]]:
     """Flow key → current, the weight of each pixel and the motion fitted to it."""
-    flow, weight = _flow(key, current, p, levels), np.empty_like(prior)
-    patches.residual_weights(key, current, flow, prior, weight)
-    return flow, weight, _fit(flow, weight, p)
+    flow, weight, motion = _flow(key, current, p, levels), np.empty_like(prior), np.empty(7)
+    patches.register(key, current, flow, prior, float(p.rotation), np.empty_like(prior), weight, motion)
+    return flow, weight, motion
 
 
 def _applied(pose: Pose, motion: NDArray[np.float64], g: Geometry, limit: float) -> Pose:
@@ -239,8 +241,8 @@ def _carry(state: PropagationState, view: View, found: Found, p: PropagationPara
     motion, belongs = _separate(model.previous, current, flow, weight, motion, g, p)
     fine = _applied(coarse, motion, g, p.max_scale_step)
     patch = view.fine(fine)
-    before = anchor.correlation(current, model.mean, g.inner)
-    agreement = anchor.correlation(patch, model.mean, g.inner)
+    before = patches.correlation(current, model.mean, g.inner)
+    agreement = patches.correlation(patch, model.mean, g.inner)
     if agreement < before - 0.02:
         return Carried(coarse, current, before, prior, flow, weight, belongs, current, colour)
     trust = min(max((agreement - 0.3) / 0.4, 0.0), 1.0)
@@ -266,7 +268,7 @@ def _continue(
     if coherence < before - 0.02:
         pose, patch, coherence = expected, current, before
     carried = Carried(
-        pose, patch, anchor.correlation(patch, model.mean, g.inner), prior, flow, weight, belongs, current, 1.0
+        pose, patch, patches.correlation(patch, model.mean, g.inner), prior, flow, weight, belongs, current, 1.0
     )
     kept = carried_along(state, carried, expected, pose, halved(patch), p)
     return carried, coherence, kept * np.float32(min(max(1.5 * coherence / p.coherent - 0.5, 0.0), 1.0))
@@ -277,7 +279,7 @@ def _hold(
 ) -> tuple[Pose, list[float]]:
     """Pose drawn half-way to the best keyframe, and the agreement with each keyframe."""
     g, pose = state.geometry, carried.pose
-    scores = [anchor.correlation(carried.current, key, g.inner) for key in state.model.keys]
+    scores = [patches.correlation(carried.current, key, g.inner) for key in state.model.keys]
     best, found = int(np.argmax(scores)), None
     candidate, score = _registered(view, state.model.keys[best], carried.current, pose, carried.prior, g, p)
     if score > scores[best]:
@@ -304,7 +306,7 @@ def _registered(
     """Pose to which the flow from a keyframe leads, and the agreement there; `current` is the patch at `pose`."""
     _, _, motion = _register(key, current, prior, p, p.key_levels)
     candidate = _applied(pose, motion, g, p.max_key_scale)
-    return candidate, anchor.correlation(view.fine(candidate), key, g.inner)
+    return candidate, patches.correlation(view.fine(candidate), key, g.inner)
 
 
 def _gate_scale(pose: Pose, old: Pose, agreement: float, g: Geometry, frame: Frame) -> Pose:
@@ -395,12 +397,14 @@ def _learn(
 ) -> Model:
     patch, rate = model.previous, np.float32(p.patch_rate)
     histograms, likelihood = model.histograms, model.likelihood
-    bins = None if histograms is None else bins_of(view.coarse(pose))
-    located = anchor.learn(model.located, channels(view, pose, bins, model.likelihood, g), p.filter_rate)
-    if histograms is not None and bins is not None:
+    seen = None
+    if histograms is not None and likelihood is not None:
+        seen, bins = foreground(view.coarse(pose), likelihood)
         fresh = histograms_of(bins, histograms.shape[1], g.inside)
         histograms = histograms + np.float32(p.colour_rate) * (fresh - histograms)
         likelihood = likelihood_of(histograms)
+    channels = anchor.features(view.context(pose), seen, g.window)
+    located = anchor.learn(model.located, channels, p.filter_rate)
     keys, age = model.keys, model.key_age + 1
     if best_key < _KEY_MATCH and carried.agreement > 0.6 and kept >= p.new_key and age >= p.key_gap:
         keys, age = (keys[0], *keys[1:][2 - p.keys :], patch), 0

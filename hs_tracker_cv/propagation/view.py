@@ -8,15 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import anchor, patches
+from .. import patches
 from ..frames import Frame, crop, to_gray
 from .state import Geometry, Pose
 
-__all__ = ["COLOURS", "GRAYS", "View", "bins_of", "channels", "foreground", "histograms_of", "likelihood_of"]
+__all__ = ["COLOURS", "GRAYS", "View", "foreground", "histograms_of", "likelihood_of"]
 
 F32 = NDArray[np.float32]
 
-_CONTRAST = 32.0
 GRAYS, COLOURS = 64, 4096
 
 
@@ -41,14 +40,10 @@ class View:
         if pose in self._seen:
             return self._seen[pose]
         g = self._geometry
-        gray = self._sample(pose, g.fine_step, *g.weights.shape, gray=True)[:, :, 0]
-        gray = np.asarray(cv2.GaussianBlur(gray, (3, 3), 0.7), np.float32)
-        mean = float(np.vdot(g.inner, gray))
-        gray -= np.float32(mean)
-        deviation = math.sqrt(max(float(np.vdot(g.inner, gray * gray)), 0.0))
-        gray *= np.float32(_CONTRAST / (deviation + 4.0))
-        self._seen[pose] = gray
-        return gray
+        gray, patch = self._sample(pose, g.fine_step, *g.weights.shape, gray=True), np.empty_like(g.weights)
+        patches.normalise(gray[:, :, 0], g.inner, patch)
+        self._seen[pose] = patch
+        return patch
 
     @property
     def size(self) -> tuple[float, float]:
@@ -98,14 +93,6 @@ class View:
         self._gray = to_gray(self._colour)[:, :, None]
 
 
-def bins_of(raw: F32) -> NDArray[np.int32]:
-    """Bin of colour of each sample of a coarse window: 64 of gray or 16³ of colour."""
-    if raw.shape[2] == 1:
-        return np.minimum((raw[:, :, 0] * np.float32(1 / 4)).astype(np.int32), GRAYS - 1)
-    level = np.minimum(raw.astype(np.int32) >> 4, 15)
-    return np.asarray((level[:, :, 0] << 8) + (level[:, :, 1] << 4) + level[:, :, 2], np.int32)
-
-
 def histograms_of(bins: NDArray[np.int32], count: int, inside: NDArray[np.bool_]) -> F32:
     """Shares of `count` bins inside and outside in a coarse window, (2, bins)."""
     both = np.stack([np.bincount(bins[m], minlength=count) for m in (inside, ~inside)]).astype(np.float32)
@@ -120,12 +107,8 @@ def likelihood_of(histograms: F32) -> F32:
     return share
 
 
-def foreground(bins: NDArray[np.int32], likelihood: F32) -> F32:
-    """Likelihood of the object's colours in each sample of a coarse window, (h, w)."""
-    return np.asarray(cv2.blur(likelihood.take(bins), (3, 3)), np.float32)
-
-
-def channels(view: View, pose: Pose, bins: NDArray[np.int32] | None, likelihood: F32 | None, g: Geometry) -> F32:
-    """Channels of the correlation filter at a pose; `bins` are those of the coarse window, if colours are used."""
-    seen = None if likelihood is None or bins is None else foreground(bins, likelihood)
-    return anchor.features(view.context(pose), seen, g.window)
+def foreground(window: F32, likelihood: F32) -> tuple[F32, NDArray[np.int32]]:
+    """Likelihood of the object's colours in each sample of a coarse window, and the samples' bins; both (h, w)."""
+    seen, bins = np.empty(window.shape[:2], np.float32), np.empty(window.shape[:2], np.int32)
+    patches.foreground(window, likelihood, bins, seen)
+    return seen, bins

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from .colour import bin_colours, blend, likelihood
 from .common import FAR_OFF, KNOWN
-from .evidence import evidence
+from .evidence import evidence, explain
 from .labelling import label
 from .memory import learn
 from .motion import foresee, measure, search_shift, start_flow
@@ -27,6 +27,7 @@ __all__ = [
     "collect",
     "components",
     "evidence",
+    "explain",
     "foresee",
     "gauss_newton",
     "invert",

@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiling import larger, local, smaller
-from .common import KNOWN, Image, Integers, Mask, Plane, Row, fast_kernel, fast_part
+from .common import KNOWN, Image, Integers, Mask, Numbers, Plane, Row, fast_kernel, fast_part
+from .windows import carry
 
 f32 = np.float32
 _THIRD = np.float32(1.0 / 3.0)
@@ -245,3 +246,38 @@ def evidence(
                 out[2, y, x] = 1.0
                 out[3, y, x] = 0.0
     return float(alike / larger(own, f32(1.0)))
+
+
+@fast_kernel
+def explain(
+    previous: Image,
+    obj: Image,
+    odds: Plane,
+    shape: Plane,
+    inverse: Numbers,
+    everywhere: bool,
+    image: Image,
+    background: Image,
+    moved: Image,
+    counts: Image,
+    part: Integers,
+    inside: Integers,
+    knobs: Row,
+    rows: Plane,
+    previous_out: Image,
+    obj_out: Image,
+    odds_out: Plane,
+    shape_out: Plane,
+    own_out: Mask,
+    out: Image,
+    fresh: Mask,
+) -> float:
+    """Move what belongs to the object to this frame, as :func:`carry` does, and weigh :func:`evidence` there."""
+    carry(
+        previous, obj, odds, shape, counts, inverse, part, everywhere, previous_out, obj_out, odds_out, shape_out,
+        own_out,
+    )  # fmt: skip
+    alike: float = evidence(
+        image, background, moved, previous_out, obj_out, odds_out, counts, part, inside, knobs, rows, out, fresh
+    )
+    return alike
