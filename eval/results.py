@@ -34,6 +34,8 @@ from .sequences import Sequence
 
 __all__ = ["COMPLETED", "Folder", "ResultsError", "Run", "SpeedRun", "Trajectory", "provenance"]
 
+_FORMAT = 1  # of the files; raise it when an older reader would misread them
+
 COMPLETED = "completed"
 """Status of a run that went through all frames."""
 
@@ -245,7 +247,8 @@ class Folder:
         scratch = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            scratch.write_text(json.dumps(data, separators=(",", ":")), encoding="utf-8")
+            text = json.dumps({"format": _FORMAT, **data}, separators=(",", ":"))
+            scratch.write_text(text, encoding="utf-8")
             scratch.replace(path)
         except OSError as error:
             scratch.unlink(missing_ok=True)
@@ -262,6 +265,14 @@ class Folder:
             raise self._corrupt(path, error) from error
         if not isinstance(data, dict):
             raise self._corrupt(path, "not an object")
+        version = data.pop("format", 1)
+        if not isinstance(version, int):
+            raise self._corrupt(path, f"format {version!r}")
+        if version > _FORMAT:
+            raise ResultsError(
+                f"{path} was written by a newer version of eval (format {version}, this one reads {_FORMAT}): "
+                "use that one, or delete the file and run again"
+            )
         return data
 
     @staticmethod

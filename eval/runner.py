@@ -59,8 +59,12 @@ are filled with what those have left there, which costs a fast tracker the great
 
 _PROTOCOL = "1"  # part of every key of a run: raise it when what a tracker is given changes
 _SPEED_PROTOCOL = "2"  # the same for the timing pass: raise it when what is measured changes
+_GARBLED = {"failure": "wrote among its own answers"}
 _POLL_SECONDS = 0.02
 _GLANCE_SECONDS = 0.25
+_LEAVE_SECONDS = 1.0  # for the pipe of a process that has ended to be read to its end
+_PRINTED_MEGABYTES = 64.0  # what a tracker may print in one run: it goes to the disk that the results are on
+_TAIL = 65536  # bytes at the end of what it printed, among which its last line is looked for
 
 
 class _Cancelled(Exception):
@@ -250,7 +254,7 @@ def run_one(
         ):
             process = _spawn(stdin, stdout, stderr)
             try:
-                ended = _watch(process, limits, stop or threading.Event())
+                ended = _watch(process, limits, stop or threading.Event(), place / "errors")
             finally:
                 _end(process)
         if process.returncode == UNWRITTEN:
@@ -313,7 +317,7 @@ def _end(process: subprocess.Popen[str]) -> None:
     process.wait()
 
 
-def _watch(process: subprocess.Popen[str], limits: Limits, stop: threading.Event) -> str:
+def _watch(process: subprocess.Popen[str], limits: Limits, stop: threading.Event, printed: Path) -> str:
     """Wait for the end of the process; say why it had to be ended, or how it died, or nothing."""
     deadline = time.monotonic() + limits.seconds
     try:
@@ -329,6 +333,8 @@ def _watch(process: subprocess.Popen[str], limits: Limits, stop: threading.Event
             return f"timed out after {limits.seconds:g} s"
         if gauge is not None and _own_megabytes(gauge) > limits.megabytes:
             return f"used more than {limits.megabytes:g} MB of memory"
+        if printed.stat().st_size > _PRINTED_MEGABYTES * 2**20:
+            return f"printed more than {_PRINTED_MEGABYTES:g} MB"
 
 
 def _own_megabytes(gauge: psutil.Process) -> float:
@@ -352,17 +358,30 @@ def _death(code: int) -> str:
 
 
 def _read_records(path: Path) -> list[dict[str, Any]]:
+    # What stands behind the last line feed was cut off by the end of the process.
+    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")[:-1]
     records = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            records.append(json.loads(line))
-        except ValueError:
-            break  # the process died while writing it
+    for line in lines:
+        records.append(_as_record(line))
+        if "failure" in records[-1]:
+            break
     return records
 
 
+def _as_record(line: str) -> dict[str, Any]:
+    """Read one record of the worker; what others have written into its file or pipe is a failure."""
+    try:
+        record = json.loads(line)
+    except ValueError:
+        return _GARBLED
+    return record if isinstance(record, dict) and record.keys() & {"opened", "ok", "failure"} else _GARBLED
+
+
 def _last_line(path: Path) -> str:
-    lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    with path.open("rb") as printed:
+        printed.seek(max(path.stat().st_size - _TAIL, 0))
+        text = printed.read().decode("utf-8", errors="replace")
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     return lines[-1][:300] if lines else ""
 
 
@@ -381,7 +400,9 @@ def _as_run(
     reason = failure or ": ".join(part for part in (ended, complaint) if part)
     if not reason and len(answers) < count - 1:
         reason = "ended its process"
-    where = f" at frame {len(answers) + 1}" if any("opened" in record for record in records) else " in init"
+    where = " after the last frame" if len(answers) == count - 1 else f" at frame {len(answers) + 1}"
+    if not any("opened" in record for record in records):
+        where = " in init"
     status = f"{reason}{where}" if reason else _find_nonsense(trajectory, job.sequence.size)
     details = {
         **stamp,
@@ -405,7 +426,8 @@ def _find_nonsense(trajectory: Trajectory, size: tuple[int, int]) -> str:
     """Say which frames hold a box that cannot be meant, though the tracker said that it has found the target."""
     finite = np.isfinite(trajectory.boxes).all(axis=1)
     x, y, w, h = np.nan_to_num(trajectory.boxes, nan=0.0, posinf=0.0, neginf=0.0).T
-    outside = finite & ((x >= size[0]) | (y >= size[1]) | (x + w <= 0) | (y + h <= 0))
+    with np.errstate(over="ignore"):
+        outside = finite & ((x >= size[0]) | (y >= size[1]) | (x + w <= 0) | (y + h <= 0))
     kinds = {
         "a box that is not finite": trajectory.ok & ~finite,
         "a box without area": trajectory.ok & finite & ((w <= 0) | (h <= 0)),
@@ -459,7 +481,10 @@ class _LiveWorker:
         while (left := deadline - time.monotonic()) > 0:
             with contextlib.suppress(queue.Empty):
                 line = self._answers.get(timeout=min(_GLANCE_SECONDS, left))
-                return dict(json.loads(line)) if line else self._dead()
+                record = _as_record(line) if line else self._dead()
+                if record == _GARBLED:
+                    self.close()
+                return record
             if self._eats():
                 return self._too_large()
         return self._ended(f"timed out after {self._limits.seconds:g} s")
@@ -489,7 +514,8 @@ class _LiveWorker:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(0.5)
         _end(self._process)
-        self._listener.join()
+        # A process that the tracker has left behind may hold the pipe open for ever; the listener waits alone then.
+        self._listener.join(_LEAVE_SECONDS)
 
 
 def measure_speed(

@@ -117,9 +117,13 @@ def _obey(commands: Iterator[str], write: Any) -> None:
         except FrameSourceError as error:
             track = None
             write({"failure": str(error)})
-        except Exception as error:  # whatever a tracker raises is its row's reason and not ours to die of
+        except SystemExit:
+            raise
+        except BaseException as error:  # whatever a tracker raises is its row's reason and not ours to die of
+            # Ctrl-C does not reach this process, so that KeyboardInterrupt is the tracker's too.
             track = None
-            write({"failure": f"raised {type(error).__name__}: {' '.join(str(error).split())[:300]}"})
+            words = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+            write({"failure": f"raised {words.removesuffix(': ')}"})
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ from typing import IO
 
 import cv2
 import numpy as np
+import psutil
 import pytest
 
 from eval import runner
@@ -29,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[1]
 COUNT = 6
 
 BAD_TRACKERS = '''
-import ctypes, os, sys, time
+import ctypes, itertools, os, signal, subprocess, sys, threading, time
 import numpy as np
 
 class Base:
@@ -64,6 +65,55 @@ Leave = bad("Leave", lambda self: os._exit(3))
 LeaveFull = bad("LeaveFull", lambda self: os._exit(74))
 Quit = bad("Quit", lambda self: sys.exit(0))
 Nonsense = bad("Nonsense", lambda self: None)
+Interrupt = bad("Interrupt", lambda self: throw(KeyboardInterrupt()))
+NoMemory = bad("NoMemory", lambda self: throw(MemoryError()))
+Odd = bad("Odd", lambda self: throw(type("Odd", (BaseException,), {})("ly")))
+LeaveQuietly = bad("LeaveQuietly", lambda self: os._exit(0))
+Abort = bad("Abort", lambda self: os.abort())
+Stop = bad("Stop", lambda self: os.kill(os.getpid(), signal.SIGSTOP))
+Shut = bad("Shut", lambda self: (os.close(1), sys.stdout.close(), (True, self.box))[2])
+ShutAll = bad("ShutAll", lambda self: (os.closerange(0, 99), (True, self.box))[1])
+Blind = bad("Blind", lambda self: (False, None))
+Ambiguous = bad("Ambiguous", lambda self: (np.ones(2), self.box))
+Stack = bad("Stack", lambda self: (True, np.ones((1, 4))))
+Endless = bad("Endless", lambda self: (True, itertools.repeat(1.0)))
+Beyond = bad("Beyond", lambda self: (True, (10**400, 0, 5, 5)))
+Largest = bad("Largest", lambda self: (True, (1e308, 1e308, 1e308, 1e308)))
+Numpy = bad("Numpy", lambda self: (np.True_, np.array(self.box, np.float32)))
+Talkative = bad("Talkative", lambda self: [print("x" * 1000) for _ in itertools.count()])
+
+def throw(error): raise error
+
+def _children(self):
+    child = subprocess.Popen(["sleep", "600"])
+    with open(self.params["path"], "w") as diary:
+        diary.write(str(child.pid))
+    return True, self.box
+Children = bad("Children", _children)
+
+def _daemon(self):
+    """Leaves a process of another session behind, with every file of ours open in it."""
+    child = os.fork()
+    if child:
+        with open(self.params["path"], "w") as diary:
+            diary.write(str(child))
+        return True, self.box
+    os.setsid()
+    time.sleep(600)
+    os._exit(0)
+Daemon = bad("Daemon", _daemon)
+
+def _scribble(self):
+    for number in range(3, 30):
+        try: os.write(number, b"[]\\n")
+        except OSError: pass
+    return True, self.box
+Scribble = bad("Scribble", _scribble)
+
+def _linger(self):
+    threading.Thread(target=time.sleep, args=(600,)).start()
+    return True, self.box
+Linger = bad("Linger", _linger)
 Chatty = bad("Chatty", lambda self: (print("{", flush=True), (True, self.box))[1])
 Vandal = bad("Vandal", lambda self: (True, self.box))
 def _vandal_update(self, image):
@@ -156,6 +206,16 @@ STATIC = [(20 - 2 * d) / (20 + 2 * d) for d in range(1, COUNT)]
         ("Leave", "ended its process with code 3 at frame 3", 2),
         ("Quit", "ended its process at frame 3", 2),
         ("Nonsense", "raised ValueError: update returned None, expected (ok, (x, y, w, h)) at frame 3", 2),
+        ("Interrupt", "raised KeyboardInterrupt at frame 3", 2),
+        ("NoMemory", "raised MemoryError at frame 3", 2),
+        ("Odd", "raised Odd: ly at frame 3", 2),
+        ("LeaveQuietly", "ended its process at frame 3", 2),
+        ("Abort", "crashed (SIGABRT) at frame 3", 2),
+        ("ShutAll", "ended its process with code 74 at frame 3", 2),
+        ("Blind", "raised ValueError: update returned (False, None), expected", 2),
+        ("Ambiguous", "raised ValueError: The truth value of an array", 2),
+        ("Stack", "raised ValueError: update returned (True, array([[1., 1., 1., 1.]])), expected", 2),
+        ("Beyond", "raised OverflowError", 2),
         ("Refusing", "raised ValueError: init refused the box (10, 10, 20, 10) in init", 0),
         ("FailingInit", "raised ValueError: not this box in init", 0),
         ("Missing", "raised ValueError: cannot load", 0),
@@ -176,6 +236,7 @@ def test_a_tracker_that_goes_wrong_keeps_what_it_had(
         ("Nan", "returned a box that is not finite at frame 3"),
         ("Outside", "returned a box outside the frame at frame 3"),
         ("Flat", "returned a box without area at frame 3"),
+        ("Largest", "returned a box outside the frame at frame 3"),
     ],
 )
 def test_a_box_that_cannot_be_meant_costs_its_frame(
@@ -185,6 +246,92 @@ def test_a_box_that_cannot_be_meant_costs_its_frame(
     run = run_one(Job(bad(name), sequence))
     assert run.status == reason
     assert mean_iou(run, sequence) == pytest.approx((sum(STATIC) - STATIC[2]) / len(STATIC))
+
+
+@pytest.mark.parametrize("name", ["Numpy", "Shut"])
+def test_a_tracker_with_bad_manners_goes_through(
+    name: str, bad: Callable[..., TrackerSpec], sequence: Sequence
+) -> None:
+    """Numbers of NumPy are numbers; a tracker that shuts its own standard output does not shut ours."""
+    run = run_one(Job(bad(name), sequence))
+    assert run.status == COMPLETED
+    assert mean_iou(run, sequence) == pytest.approx(np.mean(STATIC))
+
+
+def test_an_endless_box_is_ended(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """A box that never ends is eaten until the limit of memory."""
+    run = run_one(Job(bad("Endless"), sequence), limits=Limits(seconds=60.0, megabytes=300.0))
+    assert run.status == "used more than 300 MB of memory at frame 3"
+
+
+def test_a_tracker_that_stops_itself_is_ended(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """A stopped process cannot be asked to end, and is ended."""
+    assert run_one(Job(bad("Stop"), sequence), limits=Limits(seconds=2.0)).status == "timed out after 2 s at frame 3"
+
+
+def test_a_tracker_that_prints_without_end_is_ended(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it prints goes to the disk, which is not its own."""
+    monkeypatch.setattr(runner, "_PRINTED_MEGABYTES", 0.5)
+    assert run_one(Job(bad("Talkative"), sequence)).status == "printed more than 0.5 MB at frame 3"
+
+
+def test_a_tracker_that_ends_late_is_not_waited_for(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """All its answers count, and the row says what was the matter."""
+    run = run_one(Job(bad("Linger"), sequence), limits=Limits(seconds=2.0))
+    assert run.status == "timed out after 2 s after the last frame"
+    assert run.trajectory.ok.all()
+
+
+def test_children_of_a_tracker_end_with_it(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """Processes that it started are gone when its run is over, in either kind of run."""
+    diary = tmp_path / "diary"
+    spec = bad("Children", path=str(diary))
+    assert run_one(Job(spec, sequence)).status == COMPLETED
+    first = int(diary.read_text())
+    measure_speed([spec], [sequence], Folder(tmp_path / "results"), report=lambda run, reused: None)
+    for child in (first, int(diary.read_text())):
+        deadline = time.monotonic() + 10.0
+        while psutil.pid_exists(child) and psutil.Process(child).status() != psutil.STATUS_ZOMBIE:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_daemon_with_our_files_open_holds_nothing_up(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """A process that the tracker hid from us keeps our pipe open: neither kind of run waits for its end."""
+    diary, found = tmp_path / "diary", []
+    spec, daemons = bad("Daemon", path=str(diary)), []
+    try:
+        assert run_one(Job(spec, sequence)).status == COMPLETED
+        daemons.append(int(diary.read_text()))
+        measure_speed(
+            [spec], [sequence], Folder(tmp_path / "results"), report=lambda run, reused: found.append(run.status)
+        )
+        daemons.append(int(diary.read_text()))
+    finally:
+        for daemon in daemons:
+            os.kill(daemon, signal.SIGKILL)
+    assert found == [{"Daemon": COMPLETED}]
+
+
+def test_what_is_written_among_the_answers_is_noticed(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """A tracker that writes into files that are not its own loses its row, and nobody else loses anything."""
+    found: list[SpeedRun] = []
+    assert run_one(Job(bad("Scribble"), sequence)).status == "wrote among its own answers at frame 3"
+    specs = [bad("Fine"), bad("Scribble")]
+    measure_speed(
+        specs, [sequence], Folder(tmp_path / "results"), warm_up=1, report=lambda run, reused: found.append(run)
+    )
+    assert found[0].status == {"Fine": COMPLETED, "Scribble": "wrote among its own answers"}
+    assert len(found[0].milliseconds["Fine"]) == COUNT - 2
 
 
 def test_a_tracker_that_hangs_is_ended(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
@@ -318,6 +465,34 @@ def test_a_damaged_result_is_said_and_run_again(
     runs: list[tuple[Run, bool, str]] = []
     run_jobs(jobs, folder, workers=1, report=collect(runs))
     assert "is damaged" in runs[0][2]
+    assert not runs[0][1]
+    assert folder.read_runs()[0].status == COMPLETED
+
+
+def test_a_result_of_a_newer_version_is_said(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """It is called newer and not damaged, in any kind of file; a run replaces it and says so."""
+    folder = Folder(tmp_path / "results")
+    jobs = make_jobs([bad("Fine")], [sequence])
+    run_jobs(jobs, folder, workers=1, report=collect([]))
+    measure_speed([bad("Fine")], [sequence], folder, report=lambda run, reused: None)
+    folder.write_manifest("test", [sequence])
+    path, readers = (
+        folder.run_path("Fine", "tiny", 0, 0),
+        (folder.read_runs, folder.read_speeds, folder.read_manifest),
+    )
+    for file, read in zip((path, folder.speed_path("tiny"), folder.path / "run.json"), readers, strict=True):
+        before = file.read_text()
+        file.write_text(json.dumps({"format": 2, "shape": "new"}))
+        with pytest.raises(ResultsError, match=rf"{file.name} was written by a newer version of eval \(format 2"):
+            read()
+        file.write_text(before)
+        assert read()
+    path.write_text(json.dumps({**json.loads(path.read_text()), "format": 2}))
+    runs: list[tuple[Run, bool, str]] = []
+    run_jobs(jobs, folder, workers=1, report=collect(runs))
+    assert "newer version" in runs[0][2]
     assert not runs[0][1]
     assert folder.read_runs()[0].status == COMPLETED
 

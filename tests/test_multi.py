@@ -7,7 +7,6 @@ import pickle
 from typing import Any
 
 import cv2
-
 import numpy as np
 import pytest
 
