@@ -286,8 +286,10 @@ def _follow(source: VideoSource, roi: Box | None, options: Options) -> int:
                 if panel_sink is not None:
                     panel_sink.write(render_panels(step.frame, step.fields, step.box, **_labels(step)))
                 progress.update(task, advance=1, description=f"{source.name}  {step.state}")
-    except (VideoError, InputError, OSError) as error:
+    except (VideoError, InputError) as error:
         code = _complain(error, FAILURE)
+    except OSError as error:  # of the table: sources and videos raise errors of their own
+        code = _complain(OSError(f"{boxes}: cannot be written ({error.strerror})"), FAILURE)
     except KeyboardInterrupt:
         code = INTERRUPTED
     _summarise(source.name, tally, [path for path in (video, boxes, panels) if path is not None], code)
@@ -403,5 +405,5 @@ def _summarise(name: str, tally: _Tally, written: list[Path], code: int) -> None
     if tally.seconds:
         parts.append(f"{1e3 * float(np.median(tally.seconds)):.1f} ms per update")
     ending = " (interrupted)" if code == INTERRUPTED else ""
-    files = ", ".join(str(path) for path in written if path.exists())
+    files = ", ".join(str(path) for path in written if path.is_file())
     print(f"{name}: {', '.join(parts)}{ending}; wrote {files or 'nothing'}")

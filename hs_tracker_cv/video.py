@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import stat
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,6 +32,9 @@ CODECS = {".webm": "VP80", ".mkv": "FFV1", ".avi": "FFV1"}
 MP4 is missing because the OpenCV wheels hold no H.264 encoder and browsers do not play their MPEG-4."""
 
 DEFAULT_FPS = 25.0
+
+_LAST_CAMERA = 2**31 - 1  # cv2 takes a C int
+_PROBE = 4096  # bytes that a disk must take after a video for it to count as written
 
 Image = NDArray[Any]
 
@@ -163,6 +167,9 @@ def _check_size(name: str, image: Image, first: Image) -> None:
 
 def _open_file(path: Path) -> VideoSource:
     try:
+        # A pipe would be waited for, perhaps for ever, and what is read from it is gone.
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise VideoError(f"{path}: is neither a file nor a folder (a camera is given by its number)")
         with path.open("rb") as stream:
             empty = not stream.read(1)
     except OSError as error:
@@ -214,6 +221,8 @@ def _file_frames(name: str, capture: cv2.VideoCapture, first: Image, count: int 
 
 
 def _open_camera(number: int) -> VideoSource:
+    if number > _LAST_CAMERA:
+        raise VideoError(f"camera {number}: cannot be opened (there are no such numbers)")
     with _native_stderr_muted():
         capture = cv2.VideoCapture(number)
         opened = capture.isOpened()
@@ -300,9 +309,20 @@ class VideoSink:
             return
         self._writer.release()
         self._writer = None
-        # The encoder reports no error of its own: a full disk shows as a file without content.
-        if self.path.stat().st_size == 0:
-            raise VideoError(f"{self.path}: nothing could be written (is the disk full?)")
+        self._check_room()
+
+    def _check_room(self) -> None:
+        """See whether the disk takes a little more: the encoder says nothing of what it could not write."""
+        try:
+            with self.path.open("r+b", buffering=0) as file:
+                end = file.seek(0, os.SEEK_END)
+                taken = file.write(bytes(_PROBE))
+                if end > 0:
+                    file.truncate(end)
+        except OSError as error:
+            raise VideoError(f"{self.path}: cannot be written to its end ({error.strerror})") from error
+        if taken != _PROBE or end == 0:
+            raise VideoError(f"{self.path}: cannot be written to its end (No space left on device)")
 
     def __enter__(self) -> VideoSink:
         """Return the sink itself."""

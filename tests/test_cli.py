@@ -129,6 +129,10 @@ def test_panels_are_a_video_of_their_own(here: Path) -> None:
         (["absent.avi"], 1, "absent.avi: cannot be read (No such file or directory)"),
         (["text.avi"], 1, "text.avi: is not a video that OpenCV can open"),
         (["97"], 1, "camera 97: cannot be opened"),
+        (["99999999999999999999"], 1, "camera 99999999999999999999: cannot be opened"),
+        (["text.mp4"], 1, "text.mp4: is not a video that OpenCV can open"),
+        (["zero.mp4"], 1, "zero.mp4: is an empty file"),
+        (["in.mkv", "--csv", "."], 1, ".: cannot be written (Is a directory)"),
         (["in.mkv", "--roi", "1,2,3"], 2, "expected --roi x,y,w,h in px, got '1,2,3'"),
         (["in.mkv", "--roi", "a,b,c,d"], 2, "expected --roi x,y,w,h in px, got 'a,b,c,d'"),
         (["in.mkv", "--roi", "0,0,0,0"], 2, "expected a boundingBox of at least 4 × 4 px"),
@@ -151,7 +155,9 @@ def test_a_fault_is_one_line_and_a_code(
 ) -> None:
     """Wrong commands end with 2, failing input and output with 1, each with a single line on stderr."""
     _write(here / "in.mkv", _square(3)[0])
-    (here / "text.avi").write_text("no video\n" * 20)
+    for name in ("text.avi", "text.mp4"):
+        (here / name).write_text("no video\n" * 20)
+    (here / "zero.mp4").touch()
     assert cli.main(arguments) == code
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
@@ -186,6 +192,7 @@ def _unusable(here: Path) -> dict[str, str]:
     (here / "images").mkdir()
     (here / "images" / "0.png").write_bytes(b"no picture")
     (here / "circle.avi").symlink_to("circle.avi")
+    os.mkfifo(here / "pipe.avi")
     return {
         "codec.avi": "codec.avi: ",
         "header.mkv": "header.mkv: ",
@@ -193,10 +200,13 @@ def _unusable(here: Path) -> dict[str, str]:
         "folder": "folder: holds no image",
         "images": f"images{os.sep}0.png: is not an image that OpenCV can decode",
         "circle.avi": "circle.avi: cannot be read (Too many levels of symbolic links)",
+        "pipe.avi": "pipe.avi: is neither a file nor a folder (a camera is given by its number)",
     }
 
 
-@pytest.mark.parametrize("name", ["codec.avi", "header.mkv", "empty.avi", "folder", "images", "circle.avi"])
+@pytest.mark.parametrize(
+    "name", ["codec.avi", "header.mkv", "empty.avi", "folder", "images", "circle.avi", "pipe.avi"]
+)
 def test_a_source_without_a_frame_is_one_line(name: str, here: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Unknown codec, no frames, no images, not readable: one line, exit code 1, and no files."""
     message = _unusable(here)[name]
@@ -323,7 +333,22 @@ def test_a_full_disk_is_one_line(here: Path, capsys: pytest.CaptureFixture[str])
     """A CSV that cannot be written ends the run with exit code 1 and the reason."""
     _write(here / "in.mkv", _square(3)[0])
     assert cli.main(["in.mkv", "--roi", "40,40,36,36", "--csv", "/dev/full"]) == 1
-    assert "No space left on device" in capsys.readouterr().err
+    assert capsys.readouterr().err == "hs-track: /dev/full: cannot be written (No space left on device)\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+@pytest.mark.parametrize("suffix", ["webm", "mkv", "avi"])
+def test_a_full_disk_for_the_video_keeps_the_boxes(
+    suffix: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The overlay video is lost, which is said in one line, and the table is whole."""
+    _write(here / "in.mkv", _square(4)[0])
+    (here / f"o.{suffix}").symlink_to("/dev/full")
+    assert cli.main(["in.mkv", "--roi", "40,40,36,36", "--out", f"o.{suffix}"]) == 1
+    said = capsys.readouterr()
+    assert said.err == f"hs-track: o.{suffix}: cannot be written to its end (No space left on device)\n"
+    assert said.out.endswith("; wrote in.hs.csv\n")
+    assert len(_rows(here / "in.hs.csv")) == 4
 
 
 class _LostTracker:

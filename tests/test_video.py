@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +123,60 @@ def test_missing_empty_and_foreign_files_are_refused(tmp_path: Path) -> None:
         assert name in _one_line(error)
 
 
+@pytest.mark.parametrize("suffix", [".mp4", ".webm", ".mkv", ".avi"])
+def test_text_noise_and_nothing_under_the_name_of_a_video_are_refused(tmp_path: Path, suffix: str) -> None:
+    """The content decides, whatever the name says: each fault in one line."""
+    contents = {"text": b"not a video\n" * 50, "noise": np.random.default_rng(0).bytes(50_000), "nothing": b""}
+    for name, content in contents.items():
+        path = tmp_path / f"{name}{suffix}"
+        path.write_bytes(content)
+        with pytest.raises(VideoError, match=r"is an empty file|is not a video|no frame can be decoded") as error:
+            open_source(path)
+        assert path.name in _one_line(error)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
+@pytest.mark.parametrize("name", ["pipe.avi", "7"])
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody writes into it, and opening it would wait for ever; its name may look like a camera's number."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo(name)
+    with pytest.raises(VideoError, match=f"{name}: is neither a file nor a folder"):
+        open_source(name)
+
+
+@pytest.mark.parametrize("suffix", [".webm", ".mkv", ".avi"])
+def test_a_video_that_does_not_fit_on_the_disk_is_an_error(tmp_path: Path, suffix: str) -> None:
+    """The encoder is silent about it: a limit on the size of files stands in for the full disk, in a process."""
+    code = f"""
+import resource, sys
+from pathlib import Path
+import numpy as np
+from hs_tracker_cv.video import VideoError, VideoSink
+resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+rng = np.random.default_rng(0)
+try:
+    with VideoSink(Path("out{suffix}"), 25.0) as sink:
+        for _ in range(int(sys.argv[1])):
+            sink.write(rng.integers(0, 256, (48, 64, 3), dtype=np.uint8))
+except VideoError as error:
+    print(error)
+"""
+    pytest.importorskip("resource")
+    for count, said in ((1, ""), (80, f"out{suffix}: cannot be written to its end (File too large)\n")):
+        command = [sys.executable, "-c", code, str(count)]
+        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[1])}
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+        assert (done.returncode, done.stdout) == (0, said), done.stderr
+
+
+def test_the_probe_of_the_disk_leaves_no_trace(tmp_path: Path) -> None:
+    """What is on the disk is what the encoder wrote, and plays."""
+    path = _write_video(tmp_path / "a.mkv", _pictures(3))
+    assert not path.read_bytes().endswith(bytes(16))
+    assert len(list(open_source(path).frames)) == 3
+
+
 def test_a_container_without_frames_is_refused(tmp_path: Path) -> None:
     """A header without frames after it is refused when opened."""
     data = _write_video(tmp_path / "whole.mkv", _pictures(3)).read_bytes()
@@ -199,8 +256,9 @@ def test_a_vanished_camera_is_an_error_after_its_frames(monkeypatch: pytest.Monk
 
 def test_an_absent_camera_is_refused() -> None:
     """A camera number that no device has is refused when opened."""
-    with pytest.raises(VideoError, match="camera 97: cannot be opened"):
-        open_source(97)
+    for number in (97, 2**31 - 1, 2**31, 10**20):
+        with pytest.raises(VideoError, match=f"camera {number}: cannot be opened"):
+            open_source(number)
 
 
 def test_a_silent_camera_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
