@@ -141,7 +141,7 @@ def test_the_border_is_survived(make: Callable[[], Any], rng: np.random.Generato
 
 
 def test_kcf_is_blind_in_its_first_update_unless_it_is_primed(rng: np.random.Generator) -> None:
-    """The baseline is given its best: as shipped it stays off by the first motion, or gives up; primed it is right."""
+    """The baseline is given its best: as shipped it is off by the first motion or gives up; primed it is right."""
     frames, boxes = film(rng, count=6, step=(6.0, 4.0))
     right: dict[Any, list[bool]] = {KCF: [], PrimedKCF: []}
     for make, found in right.items():
