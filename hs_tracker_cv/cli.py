@@ -217,13 +217,14 @@ def _parsed(kind: type[Kind], arguments: Sequence[str], program: str) -> Kind:
 
 def _warmup() -> int:
     """Compile and cache every kernel, so that the first real video starts at once."""
-    from . import patches
+    from . import anchor, patches
     from .compiling import Kernel
     from .flow import kernels as flow
     from .layers import kernels as layers
+    from .propagation import kernels as propagation
 
     started = time.perf_counter()
-    for module in (flow, layers, patches):
+    for module in (flow, layers, propagation, anchor, patches):
         for value in vars(module).values():
             if isinstance(value, Kernel):
                 value.prepare()

@@ -1,141 +1,227 @@
-"""Compiled kernels of the propagation mode: patch sampling, orientations, and the robust fit of a flow field.
+"""Compiled kernels of the propagation mode that look at the frame: the fine patch, and the filter's channels.
 
-Arrays in, arrays out; no checks, no options: :mod:`~hs_tracker_cv.propagation` and
-:mod:`~hs_tracker_cv.anchor` call them with C-contiguous float32 arrays.
+Arrays in, arrays out; no checks, no options: :mod:`~hs_tracker_cv.propagation` calls them with C-contiguous float32
+arrays. Each is one call for all that is wanted of a place, since between two calls the interpreter has to be waited
+for.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiling import kernel, larger, local, part, root, smaller
+from .compiling import kernel, larger, part, root, smaller
 
-__all__ = ["fit_motion", "misfit", "orientations", "residual_weights", "sample", "sample_turned"]
+__all__ = ["COLOURS", "GRAYS", "Place", "Sight", "fine", "sight"]
 
+F32 = NDArray[np.float32]
 Image = Annotated[NDArray[np.float32], 3]
 Plane = Annotated[NDArray[np.float32], 2]
 Row = Annotated[NDArray[np.float32], 1]
+Bins = Annotated[NDArray[np.int32], 2]
 Integers = Annotated[NDArray[np.int64], 1]
 Numbers = Annotated[NDArray[np.float64], 1]
 
-_BINS = 512
-_BINS_PER_PX = 64.0
-_histogram = local(_BINS)
+GRAYS, COLOURS = 64, 4096
+"""Bins of the histograms of a gray and of a colour video."""
+
+_CONTRAST = 32.0
+_EDGES = 3.0
+_SIDE = math.exp(-0.5 / 0.7**2) / (1.0 + 2.0 * math.exp(-0.5 / 0.7**2))
+_LN2, _ROOT = math.log(2.0), 2.0**3.5
+_NO_IMAGE, _NO_PLANE, _NO_ROW = (np.empty((0,) * ndim, np.float32) for ndim in (3, 2, 1))
+_NO_BINS, _NO_SCORES = np.empty((0, 0), np.int32), np.empty(0)
+
+_FAST = {"contract", "reassoc", "nsz", "arcp"}
 
 
-@part()
-def _taps(centre: float, step: float, size: int, first: Any, weight: Any) -> None:
-    """Write, for each output sample, the first source pixel and the weights of the pixels it averages.
+class Place(NamedTuple):
+    """Where a patch is sampled: its centre in pixel-index coordinates, the steps between samples (px), its turn."""
 
-    A sample is the mean of ``clip(round(step), 1, 4)`` bilinear reads spread evenly over the step, folded into one
-    short row of weights, so that columns and rows can be filtered one after the other.
-    """
-    count, length = weight.shape
-    sub = smaller(larger(np.int64(step + 0.5), 1), 4)
-    for i in range(count):
-        for k in range(length):
-            weight[i, k] = 0.0
-        middle = centre + (i - 0.5 * (count - 1)) * step
-        low = np.int64(np.floor(middle - 0.5 * step * (sub - 1) / sub))
-        low = larger(smaller(low, size - length), 0)
-        first[i] = low
-        for j in range(sub):
-            position = smaller(larger(middle + ((j + 0.5) / sub - 0.5) * step, 0.0), size - 1.0)
-            whole = smaller(np.int64(position), size - 2)
-            part = position - whole
-            weight[i, whole - low] += (1.0 - part) / sub
-            weight[i, whole + 1 - low] += part / sub
+    x: float
+    y: float
+    step_x: float
+    step_y: float
+    angle: float
 
 
-def sample(
-    window: NDArray[np.float32], cx: float, cy: float, step_x: float, step_y: float, out: NDArray[np.float32]
-) -> None:
-    """Sample a patch round a point; beyond the window its border is repeated.
+class Sight(NamedTuple):
+    """What :func:`sight` sees.
 
     Parameters
     ----------
-    window : ndarray, shape (H, W, C), float32
-        At least ``step + 3`` pixels on each side.
-    cx, cy : float
-        Patch centre in pixel-index coordinates of `window` (pixel 0 is at 0.0).
-    step_x, step_y : float
-        Distance of neighbouring samples, px.
-    out : ndarray, shape (h, w, C), float32
-        Receives the patch.
+    channels : ndarray, shape (5 or 6, h, w), float32
+        Of the correlation filter: edges in four directions, log-gray, and the colour likelihood if it is asked for;
+        each of zero mean before the window is applied.
+    raw : ndarray, shape (h, w, C), float32
+        Samples, 0–255; empty if no likelihood is asked for, as the others.
+    bins : ndarray, shape (h, w), int32
+        Bin of each sample: 64 of gray or 16³ of colour.
+    likelihood : ndarray, shape (h, w), float32
+        Of the object's colours round each sample, 0–1.
     """
-    rows, columns, _ = out.shape
-    flat = window.reshape(window.shape[0], -1)
-    first_x, first_y = np.empty(columns, np.int64), np.empty(rows, np.int64)
-    weight_x = np.empty((columns, int(step_x) + 3), np.float32)
-    weight_y = np.empty((rows, int(step_y) + 3), np.float32)
-    line = np.empty(flat.shape[1], np.float32)
-    _sample(flat, cx, cy, step_x, step_y, first_x, first_y, weight_x, weight_y, line, out)
+
+    channels: F32
+    raw: F32
+    bins: NDArray[np.int32]
+    likelihood: F32
 
 
-@kernel()
+def fine(gray: F32, at: Place, inner: F32, templates: F32) -> tuple[F32, NDArray[np.float64]]:
+    """Sample, smooth and normalise a patch, and compare it with others.
+
+    Parameters
+    ----------
+    gray : ndarray, shape (H, W), float32
+        At least ``3 step + 3`` pixels on each side; beyond it its border is repeated.
+    at : Place
+    inner : ndarray, shape (h, w), float32
+        Weights of sum 1.
+    templates : ndarray, shape (n, h, w), float32
+        Of zero mean under the weights, as patches are.
+
+    Returns
+    -------
+    patch : ndarray, shape (h, w), float32
+        Of zero mean under the weights, deviation about 32.
+    scores : ndarray, shape (n,), float64
+        Correlation with each template under the weights.
+    """
+    rows, columns = inner.shape
+    patch, scores = np.empty((rows, columns), np.float32), np.empty(len(templates))
+    raw = np.empty((rows, columns, 1), np.float32)
+    first, weight = _room(rows, columns, gray.shape[1], at)
+    if at.angle != 0.0:
+        _sample_turned(gray, *at[:4], math.cos(at.angle), math.sin(at.angle), raw)
+    _look(
+        gray, gray, *at, True, first, weight, _NO_IMAGE, raw, _NO_ROW, _NO_BINS, _NO_PLANE, _NO_PLANE, inner,
+        templates, _NO_IMAGE, patch, scores,
+    )  # fmt: skip
+    return patch, scores
+
+
+def sight(colour: F32, gray: F32, at: Place, likelihood: F32 | None, window: F32) -> Sight:
+    """Sample the window of the correlation filter, and make its channels.
+
+    Parameters
+    ----------
+    colour : ndarray, shape (H, W, C), float32
+        0–255; at least ``step + 3`` pixels on each side; beyond it its border is repeated.
+    gray : ndarray, shape (H, W), float32
+        The same in gray.
+    at : Place
+    likelihood : ndarray, shape (bins,), float32, or None
+        Share of the object in each bin of colour, if its colours are used.
+    window : ndarray, shape (h, w), float32
+        Fading weights.
+    """
+    rows, columns = window.shape
+    context, energy = np.empty((2 * rows, 2 * columns, 1), np.float32), np.empty((rows, columns), np.float32)
+    raw, bins, shade = _NO_IMAGE, _NO_BINS, _NO_PLANE
+    if likelihood is not None:
+        raw, bins = np.empty((rows, columns, colour.shape[2]), np.float32), np.empty((rows, columns), np.int32)
+        shade = np.empty((rows, columns), np.float32)
+    channels = np.empty((5 if likelihood is None else 6, rows, columns), np.float32)
+    flat = colour.reshape(len(colour), -1)
+    first, weight = _room(2 * rows, 2 * columns, flat.shape[1], at)
+    if at.angle != 0.0:
+        cosine, sine = math.cos(at.angle), math.sin(at.angle)
+        _sample_turned(gray, at.x, at.y, 0.5 * at.step_x, 0.5 * at.step_y, cosine, sine, context)
+        if raw.size:
+            _sample_turned(flat, *at[:4], cosine, sine, raw)
+    colours = _NO_ROW if likelihood is None else likelihood
+    _look(
+        flat, gray, *at, False, first, weight, raw, context, colours, bins, shade, energy, window, _NO_IMAGE,
+        channels, _NO_PLANE, _NO_SCORES,
+    )  # fmt: skip
+    return Sight(channels, raw, bins, shade)
+
+
+def _room(rows: int, columns: int, width: int, at: Place) -> tuple[NDArray[np.int64], F32]:
+    """Room for `_sample` to work in, for patches of up to that size from rows of `width` numbers."""
+    taps = columns * (int(3 * at.step_x) + 3) + rows * (int(3 * at.step_y) + 3)
+    return np.empty(rows + columns, np.int64), np.empty(taps + width, np.float32)
+
+
+@part()
+def _taps(
+    centre: float, step: float, side: float, size: int, count: int, first: Any, at: int, weight: Any, base: int
+) -> Any:
+    """Write, for each output sample, the first source pixel and the weights of the pixels it averages.
+
+    A sample is the mean of ``clip(round(step), 1, 4)`` bilinear reads spread evenly over the step. If `side` is not
+    0, it is smoothed: its two neighbours, mirrored at the ends, get that weight each. All this is folded into one
+    short row of weights, the length of which is returned, so that columns and rows can be filtered one after the
+    other.
+    """
+    reach = 1 if side > 0.0 else 0
+    length = np.int64((2 * reach + 1) * step) + 3
+    sub = smaller(larger(np.int64(step + 0.5), 1), 4)
+    half = 0.5 * (count - 1)
+    for i in range(count):
+        row = base + i * length
+        for k in range(length):
+            weight[row + k] = 0.0
+        low = np.int64(np.floor(centre + (i - reach - half - 0.5 * (sub - 1) / sub) * step))
+        low = larger(smaller(low, size - length), 0)
+        first[at + i] = low
+        row -= low
+        for j in range((2 * reach + 1) * sub):
+            near = j // sub - reach
+            n = count - 1 - abs(count - 1 - abs(i + near))
+            share = (1.0 - 2.0 * side if near == 0 else side) / sub
+            position = centre + (n - half + (j % sub + 0.5) / sub - 0.5) * step
+            position = smaller(larger(position, 0.0), size - 1.0)
+            whole = smaller(np.int64(position), size - 2)
+            part = position - whole
+            weight[row + whole] += (1.0 - part) * share
+            weight[row + whole + 1] += part * share
+    return length
+
+
+@part()
 def _sample(
-    window: Plane,
-    cx: float,
-    cy: float,
-    step_x: float,
-    step_y: float,
-    first_x: Integers,
-    first_y: Integers,
-    weight_x: Plane,
-    weight_y: Plane,
-    line: Row,
-    out: Image,
+    window: Any, cx: float, cy: float, step_x: float, step_y: float, side: float, first: Any, weight: Any, out: Any
 ) -> None:
-    """Sample a patch: as `sample`, with pixels as C columns of the window, and room to work in."""
+    """Sample a patch round a point, with pixels as C columns of the window; `first` and `weight` are room."""
     rows, columns, channels = out.shape
-    _taps(cx, step_x, line.shape[0] // channels, first_x, weight_x)
-    _taps(cy, step_y, window.shape[0], first_y, weight_y)
-    length_x, length_y = weight_x.shape[1], weight_y.shape[1]
-    start, stop = first_x[0] * channels, (first_x[columns - 1] + length_x) * channels
+    if rows == 0:
+        return
+    start = np.int64(0)  # a variable: for each constant that a part is given it is compiled anew
+    length_x = _taps(cx, step_x, side, window.shape[1] // channels, columns, first, start, weight, start)
+    low = columns * length_x
+    length_y = _taps(cy, step_y, side, window.shape[0], rows, first, columns, weight, low)
+    line = low + rows * length_y
+    start, stop = first[0] * channels, (first[columns - 1] + length_x) * channels
     for i in range(rows):
         for j in range(start, stop):
-            line[j] = 0.0
+            weight[line + j] = 0.0
         for k in range(length_y):
-            w = weight_y[i, k]
+            w = weight[low + i * length_y + k]
             if w != 0.0:
-                y = first_y[i] + k
+                y = first[columns + i] + k
                 for j in range(start, stop):
-                    line[j] += w * window[y, j]
+                    weight[line + j] += w * window[y, j]
         for j in range(columns):
-            base = first_x[j] * channels
+            base = line + first[j] * channels
             for c in range(channels):
                 total = np.float32(0.0)
                 for k in range(length_x):
-                    total += weight_x[j, k] * line[base + k * channels + c]
+                    total += weight[j * length_x + k] * weight[base + k * channels + c]
                 out[i, j, c] = total
-
-
-def sample_turned(
-    window: NDArray[np.float32],
-    cx: float,
-    cy: float,
-    step_x: float,
-    step_y: float,
-    angle: float,
-    out: NDArray[np.float32],
-) -> None:
-    """Sample a patch as :func:`sample` does, turned by `angle` radians, from x towards y.
-
-    A turned patch cannot be filtered by columns and rows, so that this costs several times as much.
-    """
-    flat = window.reshape(window.shape[0], -1)
-    _sample_turned(flat, cx, cy, step_x, step_y, math.cos(angle), math.sin(angle), out)
 
 
 @kernel()
 def _sample_turned(
     window: Plane, cx: float, cy: float, step_x: float, step_y: float, cosine: float, sine: float, out: Image
 ) -> None:
-    """Sample a turned patch, with pixels as C columns of the window."""
+    """Sample a turned patch, with pixels as C columns of the window.
+
+    It cannot be filtered by columns and rows, so that this costs several times as much as a straight one.
+    """
     rows, columns, channels = out.shape
     height, width = window.shape[0], window.shape[1] // channels
     sub_x = smaller(larger(np.int64(step_x + 0.5), 1), 4)
@@ -159,37 +245,106 @@ def _sample_turned(
                     out[i, j, c] += share * (top + fy * (low - top))
 
 
-def orientations(gray: NDArray[np.float32], out: NDArray[np.float32]) -> None:
-    """Strength of the edges in four directions, in cells of 2 × 2 pixels, against that of the surroundings.
+@part()
+def _nine(plane: Any, up: int, i: int, down: int, left: int, j: int, right: int) -> Any:
+    """Mean of 3 × 3 pixels."""
+    top = plane[up, left] + plane[up, j] + plane[up, right]
+    middle = plane[i, left] + plane[i, j] + plane[i, right]
+    return (top + middle + (plane[down, left] + plane[down, j] + plane[down, right])) / np.float32(9.0)
+
+
+@part()
+def _logarithm(x: Any) -> Any:
+    """Natural logarithm of a number between 8 and 264, which gray levels are: kernels call no C function."""
+    whole = 3.5
+    for _ in range(4):
+        if x >= 16.0:
+            x *= 0.5
+            whole += 1.0
+    s = (x - _ROOT) / (x + _ROOT)  # x is in [8, 16.5); the series is that of the inverse hyperbolic tangent
+    q = s * s
+    return whole * _LN2 + 2.0 * s * (1.0 + q * (1 / 3 + q * (1 / 5 + q * (1 / 7 + q * (1 / 9 + q / 11)))))
+
+
+@part(fastmath=_FAST)
+def _normalise(raw: Any, inner: Any, templates: Any, out: Any, scores: Any) -> None:
+    """Bring a patch to zero mean and deviation 32 under the inner weights, and compare it with the templates."""
+    rows, columns = out.shape
+    middle = np.float64(raw[rows // 2, columns // 2, 0])
+    total = square = 0.0
+    for i in range(rows):
+        for j in range(columns):
+            value = raw[i, j, 0] - middle
+            total += inner[i, j] * value
+            square += inner[i, j] * value * value
+    deviation = root(larger(square - total * total, 0.0))
+    factor = _CONTRAST / (deviation + 4.0)
+    for i in range(rows):
+        for j in range(columns):
+            out[i, j] = (raw[i, j, 0] - middle - total) * factor
+    for k in range(scores.shape[0]):
+        # The means of all of them under these weights are zero.
+        both = power = 0.0
+        for i in range(rows):
+            for j in range(columns):
+                weighted = np.float64(inner[i, j] * templates[k, i, j])
+                both += weighted * out[i, j]
+                power += weighted * templates[k, i, j]
+        scores[k] = both / root(power * (deviation * factor) * (deviation * factor) + 1e-6)
+
+
+@kernel(fastmath=_FAST)
+def _look(
+    colour: Plane,
+    gray: Plane,
+    cx: float,
+    cy: float,
+    step_x: float,
+    step_y: float,
+    angle: float,
+    is_fine: bool,
+    first: Integers,
+    weight: Row,
+    raw: Image,
+    context: Image,
+    likelihood: Row,
+    bins: Bins,
+    shade: Plane,
+    energy: Plane,
+    window: Plane,
+    templates: Image,
+    out: Image,
+    patch: Plane,
+    scores: Numbers,
+) -> None:
+    """Sample, and make of it a fine patch or the filter's channels: as `fine` or `sight`.
+
+    One kernel for both, as sampling costs as much to compile as either. Turned samples are in `raw` and `context`
+    already; a fine patch is smoothed with σ 0.7 samples, and `window` then is its inner weights.
 
     With the gradient (x, y) of length r, a pixel adds the positive and the negative part of (x² − y²) / r and of
-    2xy / r to its cell: so an edge and its negative are the same, and a small turn changes little. A cell is divided
-    by the root of the mean square in the 3 × 3 cells round it plus a floor, and limited to 1, as in N. Dalal and
-    B. Triggs, "Histograms of oriented gradients for human detection", CVPR 2005.
-
-    Parameters
-    ----------
-    gray : ndarray, shape (2 h, 2 w), float32
-        0–255.
-    out : ndarray, shape (4, h, w), float32
-        Receives the channels, of zero mean each.
+    2xy / r to its cell of 2 × 2 pixels: so an edge and its negative are the same, and a small turn changes little. A
+    cell is divided by the root of the mean square in the 3 × 3 cells round it plus a floor, and limited to 1, as in
+    N. Dalal and B. Triggs, "Histograms of oriented gradients for human detection", CVPR 2005.
     """
-    _orientations(gray, np.empty(out.shape[1:], np.float32), out)
-
-
-@kernel()
-def _orientations(gray: Plane, energy: Plane, out: Image) -> None:
-    """Edges by direction: as `orientations`, with room to work in."""
-    _, rows, columns = out.shape
-    bottom, end = gray.shape[0] - 1, gray.shape[1] - 1
+    if angle == 0.0:
+        share = 1.0 if is_fine else 0.5
+        _sample(gray, cx, cy, share * step_x, share * step_y, _SIDE if is_fine else 0.0, first, weight, context)
+        _sample(colour, cx, cy, step_x, step_y, 0.0, first, weight, raw)
+    rows, columns = window.shape
+    if is_fine:
+        _normalise(context, window, templates, patch, scores)
+        return
+    channels = out.shape[0]
+    bottom, end = 2 * rows - 1, 2 * columns - 1
     total = 0.0
     for i in range(rows):
         for j in range(columns):
-            a = b = c = d = np.float32(0.0)
+            a = b = c = d = light = np.float32(0.0)
             for k in range(4):
                 y, x = 2 * i + (k >> 1), 2 * j + (k & 1)
-                gx = gray[y, smaller(x + 1, end)] - gray[y, larger(x - 1, 0)]
-                gy = gray[smaller(y + 1, bottom), x] - gray[larger(y - 1, 0), x]
+                gx = context[y, smaller(x + 1, end), 0] - context[y, larger(x - 1, 0), 0]
+                gy = context[smaller(y + 1, bottom), x, 0] - context[larger(y - 1, 0), x, 0]
                 length = root(gx * gx + gy * gy) + np.float32(1e-6)
                 straight = (gx * gx - gy * gy) / length
                 diagonal = np.float32(2.0) * gx * gy / length
@@ -197,178 +352,45 @@ def _orientations(gray: Plane, energy: Plane, out: Image) -> None:
                 b += larger(-straight, np.float32(0.0))
                 c += larger(diagonal, np.float32(0.0))
                 d += larger(-diagonal, np.float32(0.0))
+                light += context[y, x, 0]
             out[0, i, j], out[1, i, j], out[2, i, j], out[3, i, j] = a, b, c, d
+            out[4, i, j] = _logarithm(0.25 * light + 8.0)
             energy[i, j] = a * a + b * b + c * c + d * d
             total += energy[i, j]
     floor = np.float32(0.3 * root(total / (rows * columns)) + 4.0)
     for i in range(rows):
         up, down = larger(i - 1, 0), smaller(i + 1, rows - 1)
         for j in range(columns):
-            left, right = larger(j - 1, 0), smaller(j + 1, columns - 1)
-            near = (
-                energy[up, left] + energy[up, j] + energy[up, right]
-                + energy[i, left] + energy[i, j] + energy[i, right]
-                + energy[down, left] + energy[down, j] + energy[down, right]
-            ) / np.float32(9.0)  # fmt: skip
-            share = np.float32(1.0) / root(near + floor * floor)
+            near = _nine(energy, up, i, down, larger(j - 1, 0), j, smaller(j + 1, columns - 1))
+            part = np.float32(1.0) / root(near + floor * floor)
             for k in range(4):
-                out[k, i, j] = smaller(out[k, i, j] * share, np.float32(1.0))
-    for k in range(4):
-        total = 0.0
+                out[k, i, j] = smaller(out[k, i, j] * part, np.float32(1.0))
+    if channels == 6:
         for i in range(rows):
             for j in range(columns):
-                total += out[k, i, j]
-        mean = np.float32(total / (rows * columns))
+                number = 0
+                if raw.shape[2] == 1:
+                    number = smaller(np.int64(raw[i, j, 0]) >> 2, GRAYS - 1)
+                else:
+                    for k in range(3):
+                        number = 16 * number + smaller(np.int64(raw[i, j, k]) >> 4, 15)
+                bins[i, j] = number
+                energy[i, j] = likelihood[number]
+        for i in range(rows):
+            up, down = abs(i - 1), rows - 1 - abs(rows - 2 - i)
+            for j in range(columns):
+                value = _nine(energy, up, i, down, abs(j - 1), j, columns - 1 - abs(columns - 2 - j))
+                shade[i, j] = value
+                out[5, i, j] = value
+    for k in range(channels):
+        mean = square = 0.0
         for i in range(rows):
             for j in range(columns):
-                out[k, i, j] -= mean
-
-
-def residual_weights(
-    a: NDArray[np.float32],
-    b: NDArray[np.float32],
-    flow: NDArray[np.float32],
-    prior: NDArray[np.float32],
-    weight: NDArray[np.float32],
-) -> None:
-    """Weight of each pixel in the fit: textured, and explained by the flow.
-
-    ``weight = prior * G / (G + 30) / (1 + (res / 8)²)²`` with G the squared gradient of `a` and res the 3 × 3
-    mean of ``|b(x + flow) - a|``.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (H, W), float32
-        Normalised patches.
-    flow : ndarray, shape (H, W, 2), float32
-        Flow from `a` to `b`, samples.
-    prior : ndarray, shape (H, W), float32
-    weight : ndarray, shape (H, W), float32
-        Receives the weights.
-    """
-    _residual_weights(a, b, flow, prior, np.empty_like(a), weight)
-
-
-@kernel()
-def _residual_weights(a: Plane, b: Plane, flow: Image, prior: Plane, error: Plane, weight: Plane) -> None:
-    """Weigh pixels: as `residual_weights`, with room to work in."""
-    height, width = a.shape
-    for y in range(height):
-        for x in range(width):
-            px = smaller(larger(x + flow[y, x, 0], 0.0), width - 1.0)
-            py = smaller(larger(y + flow[y, x, 1], 0.0), height - 1.0)
-            ix, iy = smaller(np.int64(px), width - 2), smaller(np.int64(py), height - 2)
-            fx, fy = px - ix, py - iy
-            top = b[iy, ix] + fx * (b[iy, ix + 1] - b[iy, ix])
-            bottom = b[iy + 1, ix] + fx * (b[iy + 1, ix + 1] - b[iy + 1, ix])
-            error[y, x] = abs(top + fy * (bottom - top) - a[y, x])
-    for y in range(height):
-        up, down = larger(y - 1, 0), smaller(y + 1, height - 1)
-        for x in range(width):
-            left, right = larger(x - 1, 0), smaller(x + 1, width - 1)
-            res = (
-                error[up, left] + error[up, x] + error[up, right]
-                + error[y, left] + error[y, x] + error[y, right]
-                + error[down, left] + error[down, x] + error[down, right]
-            ) / 9.0  # fmt: skip
-            gx = 0.5 * (a[y, right] - a[y, left])
-            gy = 0.5 * (a[down, x] - a[up, x])
-            strength = gx * gx + gy * gy
-            fair = 1.0 + (res / 8.0) * (res / 8.0)
-            weight[y, x] = prior[y, x] * strength / (strength + 30.0) / (fair * fair)
-
-
-@kernel()
-def fit_motion(flow: Image, weight: Plane, turning: float, motion: Numbers) -> None:
-    """Fit ``u = tx + sx X - r Y, v = ty + sy Y + r X`` to a flow field by iteratively re-weighted least squares.
-
-    X, Y are measured from the patch centre, in samples. Eight rounds; every second pixel; Geman–McClure weights
-    with the scale set by the median residual.
-
-    Parameters
-    ----------
-    flow : ndarray, shape (H, W, 2), float32
-        Samples.
-    weight : ndarray, shape (H, W), float32
-        Prior weights, not negative.
-    turning : float
-        1, or 0 to leave r at 0.
-    motion : ndarray, shape (7,), float64
-        Receives tx, ty, sx, sy, the isotropic scale s, the median residual (samples) and the rotation r (radians
-        from x towards y).
-    """
-    height, width = weight.shape
-    mx, my = 0.5 * (width - 1), 0.5 * (height - 1)
-    histogram = _histogram()
-    tx, ty, sx, sy, scale, median, turn_rate = 0.0, 0.0, 0.0, 0.0, 0.0, 8.0, 0.0
-    for turn in range(8):
-        n = xu = yv = xv = yu = u1 = v1 = xw = yw = xx = yy = 1e-9
-        limit = 1.5 * larger(0.05, 1.48 * median)
-        for i in range(_BINS):
-            histogram[i] = 0.0
-        for y in range(turn & 1, height, 2):
-            for x in range(0, width, 2):
-                w = weight[y, x]
-                if w <= 0.0:
-                    continue
-                px, py = x - mx, y - my
-                u, v = flow[y, x, 0], flow[y, x, 1]
-                if turn > 0:
-                    du, dv = u - tx - scale * px + turn_rate * py, v - ty - scale * py - turn_rate * px
-                    square = du * du + dv * dv
-                    fair = 1.0 + square / (limit * limit)
-                    histogram[smaller(np.int64(root(square) * _BINS_PER_PX), _BINS - 1)] += w
-                    w /= fair * fair
-                n += w
-                xw += w * px
-                yw += w * py
-                xx += w * px * px
-                yy += w * py * py
-                u1 += w * u
-                v1 += w * v
-                xu += w * px * u
-                yv += w * py * v
-                xv += w * px * v
-                yu += w * py * u
-        cxx, cyy = xx - xw * xw / n, yy - yw * yw / n
-        cxu, cyv = xu - xw * u1 / n, yv - yw * v1 / n
-        sx, sy = cxu / (cxx + 1e-6), cyv / (cyy + 1e-6)
-        scale = (cxu + cyv) / (cxx + cyy + 1e-6)
-        turn_rate = turning * (xv - xw * v1 / n - yu + yw * u1 / n) / (cxx + cyy + 1e-6)
-        tx, ty = (u1 - scale * xw + turn_rate * yw) / n, (v1 - scale * yw - turn_rate * xw) / n
-        if turn > 0:
-            half = 0.0
-            for i in range(_BINS):
-                half += histogram[i]
-            half *= 0.5
-            running = 0.0
-            i = 0
-            while i < _BINS - 1 and running + histogram[i] < half:
-                running += histogram[i]
-                i += 1
-            median = (i + 0.5) / _BINS_PER_PX
-        else:
-            median = 1.0
-    motion[0], motion[1], motion[2], motion[3], motion[4], motion[5] = tx, ty, sx, sy, scale, median
-    motion[6] = turn_rate
-
-
-@kernel()
-def misfit(flow: Image, motion: Numbers, square: Plane) -> None:
-    """Squared distance of a flow field from a fitted motion.
-
-    Parameters
-    ----------
-    flow : ndarray, shape (H, W, 2), float32
-    motion : ndarray, shape (7,), float64
-        From :func:`fit_motion`.
-    square : ndarray, shape (H, W), float32
-        Receives the squared distance, samples².
-    """
-    height, width = square.shape
-    mx, my = 0.5 * (width - 1), 0.5 * (height - 1)
-    for y in range(height):
-        for x in range(width):
-            du = flow[y, x, 0] - motion[0] - motion[4] * (x - mx) + motion[6] * (y - my)
-            dv = flow[y, x, 1] - motion[1] - motion[4] * (y - my) - motion[6] * (x - mx)
-            square[y, x] = du * du + dv * dv
+                mean += out[k, i, j]
+                square += np.float64(out[k, i, j]) * out[k, i, j]
+        mean /= rows * columns
+        deviation = root(larger(square / (rows * columns) - mean * mean, 0.0))
+        factor = 1.0 / (deviation + 0.05) if k == 4 else _EDGES
+        for i in range(rows):
+            for j in range(columns):
+                out[k, i, j] = (out[k, i, j] - mean) * factor * window[i, j]
