@@ -96,10 +96,10 @@ def respond(filter_: CorrelationFilter, channels: F32) -> F32:
         Zero displacement is at ``[h // 2, w // 2]``.
     """
     count, height, width = channels.shape
-    product = np.empty_like(filter_.target)
-    floor = _REGULARISATION * count * height * width
-    spectrum = _parts(_transform(channels))
-    _divide(_parts(filter_.numerator), filter_.energy.ravel(), spectrum, floor, _parts(product).ravel())
+    spectrum = _transform(channels)
+    spectrum *= filter_.numerator
+    product = spectrum.sum(axis=0)
+    product /= filter_.energy + np.float32(_REGULARISATION * count * height * width)
     return np.ascontiguousarray(np.fft.irfft(np.fft.ifft(product, axis=0), n=width), np.float32)
 
 
@@ -186,20 +186,6 @@ def _mix(
             numerator[k, 2 * i + 1] = keep * old[k, 2 * i + 1] + (b * x - a * y)
             power += x * x + y * y
         energy[i] = keep * old_energy[i] + share * power
-
-
-@kernel()
-def _divide(numerator: Plane, energy: Row, spectrum: Plane, floor: float, product: Row) -> None:
-    """Sum of ``numerator * spectrum`` over the channels by the energy."""
-    for i in range(energy.shape[0]):
-        real = imaginary = np.float32(0.0)
-        for k in range(spectrum.shape[0]):
-            a, b = numerator[k, 2 * i], numerator[k, 2 * i + 1]
-            x, y = spectrum[k, 2 * i], spectrum[k, 2 * i + 1]
-            real += a * x - b * y
-            imaginary += a * y + b * x
-        share = np.float32(1.0) / (energy[i] + np.float32(floor))
-        product[2 * i], product[2 * i + 1] = real * share, imaginary * share
 
 
 @kernel()

@@ -35,6 +35,9 @@ _LN2, _ROOT = math.log(2.0), 2.0**3.5
 _NO_IMAGE, _NO_PLANE, _NO_ROW = (np.empty((0,) * ndim, np.float32) for ndim in (3, 2, 1))
 _NO_BINS, _NO_SCORES = np.empty((0, 0), np.int32), np.empty(0)
 
+# Constants by name, since a call such as np.float32(1.0) takes a kernel longer to compile.
+_ZERO, _ONE, _TWO, _NINE, _LEAST = (np.float32(value) for value in (0.0, 1.0, 2.0, 9.0, 1e-6))
+
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
 
 
@@ -97,13 +100,13 @@ def fine(gray: F32, at: Place, inner: F32, templates: F32) -> tuple[F32, NDArray
     if at.angle != 0.0:
         _sample_turned(gray, *at[:4], math.cos(at.angle), math.sin(at.angle), raw)
     _look(
-        gray, gray, *at, True, first, weight, _NO_IMAGE, raw, _NO_ROW, _NO_BINS, _NO_PLANE, _NO_PLANE, inner,
-        templates, _NO_IMAGE, patch, scores,
+        gray, gray, *at, True, first, weight, _NO_IMAGE, raw, raw.ravel(), _NO_PLANE, _NO_BINS, patch.ravel(),
+        _NO_PLANE, inner.ravel(), templates.reshape(len(templates), inner.size), _NO_PLANE, scores,
     )  # fmt: skip
     return patch, scores
 
 
-def sight(colour: F32, gray: F32, at: Place, likelihood: F32 | None, window: F32) -> Sight:
+def sight(colour: F32, gray: F32, at: Place, histograms: F32 | None, window: F32) -> Sight:
     """Sample the window of the correlation filter, and make its channels.
 
     Parameters
@@ -113,18 +116,18 @@ def sight(colour: F32, gray: F32, at: Place, likelihood: F32 | None, window: F32
     gray : ndarray, shape (H, W), float32
         The same in gray.
     at : Place
-    likelihood : ndarray, shape (bins,), float32, or None
-        Share of the object in each bin of colour, if its colours are used.
+    histograms : ndarray, shape (2, bins), float32, or None
+        Shares of the bins of colour in the object and outside of it, if its colours are used.
     window : ndarray, shape (h, w), float32
         Fading weights.
     """
     rows, columns = window.shape
     context, energy = np.empty((2 * rows, 2 * columns, 1), np.float32), np.empty((rows, columns), np.float32)
     raw, bins, shade = _NO_IMAGE, _NO_BINS, _NO_PLANE
-    if likelihood is not None:
+    if histograms is not None:
         raw, bins = np.empty((rows, columns, colour.shape[2]), np.float32), np.empty((rows, columns), np.int32)
         shade = np.empty((rows, columns), np.float32)
-    channels = np.empty((5 if likelihood is None else 6, rows, columns), np.float32)
+    channels = np.empty((5 if histograms is None else 6, rows, columns), np.float32)
     flat = colour.reshape(len(colour), -1)
     first, weight = _room(2 * rows, 2 * columns, flat.shape[1], at)
     if at.angle != 0.0:
@@ -132,10 +135,10 @@ def sight(colour: F32, gray: F32, at: Place, likelihood: F32 | None, window: F32
         _sample_turned(gray, at.x, at.y, 0.5 * at.step_x, 0.5 * at.step_y, cosine, sine, context)
         if raw.size:
             _sample_turned(flat, *at[:4], cosine, sine, raw)
-    colours = _NO_ROW if likelihood is None else likelihood
+    colours = _NO_PLANE if histograms is None else histograms
     _look(
-        flat, gray, *at, False, first, weight, raw, context, colours, bins, shade, energy, window, _NO_IMAGE,
-        channels, _NO_PLANE, _NO_SCORES,
+        flat, gray, *at, False, first, weight, raw, context, _NO_ROW, colours, bins, shade.ravel(), energy,
+        window.ravel(), _NO_PLANE, channels.reshape(len(channels), -1), _NO_SCORES,
     )  # fmt: skip
     return Sight(channels, raw, bins, shade)
 
@@ -208,7 +211,7 @@ def _sample(
         for j in range(columns):
             base = line + first[j] * channels
             for c in range(channels):
-                total = np.float32(0.0)
+                total = _ZERO
                 for k in range(length_x):
                     total += weight[j * length_x + k] * weight[base + k * channels + c]
                 out[i, j, c] = total
@@ -250,7 +253,7 @@ def _nine(plane: Any, up: int, i: int, down: int, left: int, j: int, right: int)
     """Mean of 3 × 3 pixels."""
     top = plane[up, left] + plane[up, j] + plane[up, right]
     middle = plane[i, left] + plane[i, j] + plane[i, right]
-    return (top + middle + (plane[down, left] + plane[down, j] + plane[down, right])) / np.float32(9.0)
+    return (top + middle + (plane[down, left] + plane[down, j] + plane[down, right])) / _NINE
 
 
 @part()
@@ -269,28 +272,26 @@ def _logarithm(x: Any) -> Any:
 @part(fastmath=_FAST)
 def _normalise(raw: Any, inner: Any, templates: Any, out: Any, scores: Any) -> None:
     """Bring a patch to zero mean and deviation 32 under the inner weights, and compare it with the templates."""
-    rows, columns = out.shape
-    middle = np.float64(raw[rows // 2, columns // 2, 0])
+    size = out.shape[0]
+    middle = 1.0 * raw[size // 2]
     total = square = 0.0
-    for i in range(rows):
-        for j in range(columns):
-            value = raw[i, j, 0] - middle
-            total += inner[i, j] * value
-            square += inner[i, j] * value * value
+    for i in range(size):
+        value = raw[i] - middle
+        total += inner[i] * value
+        square += inner[i] * value * value
     deviation = root(larger(square - total * total, 0.0))
     factor = _CONTRAST / (deviation + 4.0)
-    for i in range(rows):
-        for j in range(columns):
-            out[i, j] = (raw[i, j, 0] - middle - total) * factor
+    deviation *= factor
+    for i in range(size):
+        out[i] = (raw[i] - middle - total) * factor
     for k in range(scores.shape[0]):
         # The means of all of them under these weights are zero.
         both = power = 0.0
-        for i in range(rows):
-            for j in range(columns):
-                weighted = np.float64(inner[i, j] * templates[k, i, j])
-                both += weighted * out[i, j]
-                power += weighted * templates[k, i, j]
-        scores[k] = both / root(power * (deviation * factor) * (deviation * factor) + 1e-6)
+        for i in range(size):
+            weighted = 1.0 * inner[i] * templates[k, i]
+            both += weighted * out[i]
+            power += weighted * templates[k, i]
+        scores[k] = both / root(power * deviation * deviation + 1e-6)
 
 
 @kernel(fastmath=_FAST)
@@ -307,20 +308,21 @@ def _look(
     weight: Row,
     raw: Image,
     context: Image,
-    likelihood: Row,
+    flat: Row,
+    histograms: Plane,
     bins: Bins,
-    shade: Plane,
+    shade: Row,
     energy: Plane,
-    window: Plane,
-    templates: Image,
-    out: Image,
-    patch: Plane,
+    window: Row,
+    templates: Plane,
+    out: Plane,
     scores: Numbers,
 ) -> None:
     """Sample, and make of it a fine patch or the filter's channels: as `fine` or `sight`.
 
     One kernel for both, as sampling costs as much to compile as either. Turned samples are in `raw` and `context`
-    already; a fine patch is smoothed with σ 0.7 samples, and `window` then is its inner weights.
+    already. A fine patch is smoothed with σ 0.7 samples; `window` then is its inner weights, `flat` the same samples
+    as `context`, and `shade` receives the patch.
 
     With the gradient (x, y) of length r, a pixel adds the positive and the negative part of (x² − y²) / r and of
     2xy / r to its cell of 2 × 2 pixels: so an edge and its negative are the same, and a small turn changes little. A
@@ -331,40 +333,41 @@ def _look(
         share = 1.0 if is_fine else 0.5
         _sample(gray, cx, cy, share * step_x, share * step_y, _SIDE if is_fine else 0.0, first, weight, context)
         _sample(colour, cx, cy, step_x, step_y, 0.0, first, weight, raw)
-    rows, columns = window.shape
     if is_fine:
-        _normalise(context, window, templates, patch, scores)
+        _normalise(flat, window, templates, shade, scores)
         return
-    channels = out.shape[0]
+    channels, size = out.shape
+    rows, columns = energy.shape
     bottom, end = 2 * rows - 1, 2 * columns - 1
     total = 0.0
     for i in range(rows):
         for j in range(columns):
-            a = b = c = d = light = np.float32(0.0)
+            a = b = c = d = light = _ZERO
             for k in range(4):
                 y, x = 2 * i + (k >> 1), 2 * j + (k & 1)
                 gx = context[y, smaller(x + 1, end), 0] - context[y, larger(x - 1, 0), 0]
                 gy = context[smaller(y + 1, bottom), x, 0] - context[larger(y - 1, 0), x, 0]
-                length = root(gx * gx + gy * gy) + np.float32(1e-6)
+                length = root(gx * gx + gy * gy) + _LEAST
                 straight = (gx * gx - gy * gy) / length
-                diagonal = np.float32(2.0) * gx * gy / length
-                a += larger(straight, np.float32(0.0))
-                b += larger(-straight, np.float32(0.0))
-                c += larger(diagonal, np.float32(0.0))
-                d += larger(-diagonal, np.float32(0.0))
+                diagonal = _TWO * gx * gy / length
+                a += larger(straight, _ZERO)
+                b += larger(-straight, _ZERO)
+                c += larger(diagonal, _ZERO)
+                d += larger(-diagonal, _ZERO)
                 light += context[y, x, 0]
-            out[0, i, j], out[1, i, j], out[2, i, j], out[3, i, j] = a, b, c, d
-            out[4, i, j] = _logarithm(0.25 * light + 8.0)
+            cell = i * columns + j
+            out[0, cell], out[1, cell], out[2, cell], out[3, cell] = a, b, c, d
+            out[4, cell] = _logarithm(0.25 * light + 8.0)
             energy[i, j] = a * a + b * b + c * c + d * d
             total += energy[i, j]
-    floor = np.float32(0.3 * root(total / (rows * columns)) + 4.0)
+    least = 0.3 * root(total / size) + 4.0
     for i in range(rows):
         up, down = larger(i - 1, 0), smaller(i + 1, rows - 1)
         for j in range(columns):
             near = _nine(energy, up, i, down, larger(j - 1, 0), j, smaller(j + 1, columns - 1))
-            part = np.float32(1.0) / root(near + floor * floor)
+            part = _ONE / root(near + np.float32(least * least))
             for k in range(4):
-                out[k, i, j] = smaller(out[k, i, j] * part, np.float32(1.0))
+                out[k, i * columns + j] = smaller(out[k, i * columns + j] * part, _ONE)
     if channels == 6:
         for i in range(rows):
             for j in range(columns):
@@ -375,22 +378,22 @@ def _look(
                     for k in range(3):
                         number = 16 * number + smaller(np.int64(raw[i, j, k]) >> 4, 15)
                 bins[i, j] = number
-                energy[i, j] = likelihood[number]
+                own = histograms[0, number] + 1e-4
+                energy[i, j] = own / (own + histograms[1, number] + 1e-4)
         for i in range(rows):
             up, down = abs(i - 1), rows - 1 - abs(rows - 2 - i)
             for j in range(columns):
                 value = _nine(energy, up, i, down, abs(j - 1), j, columns - 1 - abs(columns - 2 - j))
-                shade[i, j] = value
-                out[5, i, j] = value
+                shade[i * columns + j] = value
+                out[5, i * columns + j] = value
     for k in range(channels):
         mean = square = 0.0
-        for i in range(rows):
-            for j in range(columns):
-                mean += out[k, i, j]
-                square += np.float64(out[k, i, j]) * out[k, i, j]
-        mean /= rows * columns
-        deviation = root(larger(square / (rows * columns) - mean * mean, 0.0))
+        for i in range(size):
+            value = 1.0 * out[k, i]
+            mean += value
+            square += value * value
+        mean /= size
+        deviation = root(larger(square / size - mean * mean, 0.0))
         factor = 1.0 / (deviation + 0.05) if k == 4 else _EDGES
-        for i in range(rows):
-            for j in range(columns):
-                out[k, i, j] = (out[k, i, j] - mean) * factor * window[i, j]
+        for i in range(size):
+            out[k, i] = (out[k, i] - mean) * factor * window[i]

@@ -121,7 +121,7 @@ def _arrays(state: PropagationState) -> list[NDArray[np.float32]]:
         filter_.numerator,
         filter_.energy,
     ]
-    return [*found, *(array for array in (model.histograms, model.likelihood) if array is not None)]
+    return found if model.histograms is None else [*found, model.histograms]
 
 
 def test_step_leaves_the_old_state_alone() -> None:
@@ -387,9 +387,13 @@ def _keep(change: float, rate: float, mean: float, belongs: float = 1.0) -> NDAr
     planes[1] = belongs
     means = np.zeros((4, height, width), np.float32)
     means[0] = patch + mean
-    kept, room = np.full((20, 24), 0.8, np.float32), np.zeros((6, 20, 24), np.float32)
-    body, out = np.ones((20, 24), np.float32), np.empty((20, 24), np.float32)
-    kernels.keep(kept, planes, flow, 0.0, 0.0, 1.0, 0.0, previous, patch, 16.0, 40.0, rate, means, body, room, out)
+    kept, body, room = np.full((20, 24), 0.8, np.float32), np.ones((20, 24), np.float32), np.zeros((6, 20, 24))
+    out, new = np.empty((20, 24), np.float32), np.empty_like(means)
+    kernels.keep(
+        kept, planes, flow, 0.0, 0.0, 1.0, 0.0, previous, patch, 16.0, 40.0, rate, body, means, 0.0, 0.0, patch, 0.15,
+        room.astype(np.float32), out, new,
+    )  # fmt: skip
+    np.testing.assert_array_equal(new[:3], means[:3])
     return out[3:-3, 3:-3]
 
 
@@ -412,33 +416,33 @@ def test_what_is_kept(change: float, rate: float, mean: float, belongs: float, e
 
 def test_running_means() -> None:
     """Mean, deviation and mask move towards the frame by their rates; the prior weight follows from them."""
-    old = np.empty((4, 2, 3), np.float32)
+    old, new = np.empty((4, 4, 6), np.float32), np.empty((4, 4, 6), np.float32)
     old[:3] = np.asarray([10.0, 4.0, 0.5])[:, None, None]
-    planes = np.zeros((5, 2, 3), np.float32)
+    planes = np.zeros((5, 4, 6), np.float32)
     planes[0], planes[1] = 0.2, 1.0  # half of the mask's rate
-    new, patch, weights = np.empty_like(old), np.full((2, 3), 0.0, np.float32), np.full((2, 3), 0.5, np.float32)
-    kernels.learn(patch, old, planes, 0.1, 0.4, weights, 0.15, new)
+    patch, weights, half = np.zeros((4, 6), np.float32), np.full((4, 6), 0.5, np.float32), np.ones((2, 3), np.float32)
+    flow, room = np.zeros((4, 6, 2), np.float32), np.zeros((6, 2, 3), np.float32)
+    kernels.keep(
+        half, planes, flow, 0.0, 0.0, 1.0, 0.0, patch, patch, 16.0, 40.0, 0.0, half, old, 0.1, 0.4, weights, 0.15,
+        room, half.copy(), new,
+    )  # fmt: skip
     expected = [9.0, 4.6, 0.6, 0.5 * 0.75 / (1.0 + 0.46**2)]
     np.testing.assert_allclose(new, np.broadcast_to(np.asarray(expected)[:, None, None], new.shape), rtol=1e-5)
 
 
 @pytest.mark.parametrize("taps", [[1.0], [0.25, 0.5, 0.25]], ids=["plain", "smoothed"])
 def test_histograms_of_inside_and_outside(taps: list[float]) -> None:
-    """Shares of the counts, smoothed and mirrored at the ends, are mixed in; the likelihood is their ratio."""
+    """Shares of the counts, smoothed and mirrored at the ends, are mixed in."""
     bins = np.asarray([[0, 0, 3], [5, 3, 5]], np.int32)
     inside = np.asarray([[1, 1, 1], [0, 0, 0]], np.uint8)
     old, new = np.full((2, 6), 1 / 6, np.float32), np.empty((2, 6), np.float32)
-    likelihood = np.empty(6, np.float32)
-    kernels.recolour(
-        bins, inside, np.asarray(taps, np.float32), 0.5, old, np.zeros((2, 6), np.float32), new, likelihood
-    )
+    kernels.recolour(bins, inside, np.asarray(taps, np.float32), 0.5, old, np.zeros((2, 6), np.float32), new)
     counts = np.asarray([[2, 0, 0, 1, 0, 0], [0, 0, 0, 1, 0, 2]], float)
     if len(taps) == 3:
         wide = np.pad(counts, ((0, 0), (1, 1)), mode="reflect")
         counts = 0.25 * wide[:, :-2] + 0.5 * wide[:, 1:-1] + 0.25 * wide[:, 2:]
     expected = 0.5 / 6 + 0.5 * counts / counts.sum(axis=1, keepdims=True)
     np.testing.assert_allclose(new, expected, atol=1e-6)
-    np.testing.assert_allclose(likelihood, (expected[0] + 1e-4) / (expected.sum(axis=0) + 2e-4), atol=1e-6)
 
 
 def test_rotation_is_followed_when_asked() -> None:

@@ -17,9 +17,21 @@ from .kernels import keep
 from .state import Geometry, Pose, PropagationParams, PropagationState
 from .view import Patch
 
-__all__ = ["Carried", "Followed", "body_weights", "carried_along", "coherence_with", "kept_share", "refreshed"]
+__all__ = [
+    "MASK_FLOOR",
+    "Carried",
+    "Followed",
+    "body_weights",
+    "carried_along",
+    "coherence_with",
+    "kept_share",
+    "refreshed",
+]
 
 F32 = NDArray[np.float32]
+
+MASK_FLOOR = 0.15
+"""Weight in the fit of the flow of a pixel that never moved with the object."""
 
 
 class Followed(NamedTuple):
@@ -67,21 +79,16 @@ def coherence_with(state: PropagationState, patch: F32) -> float:
 
 def refreshed(
     state: PropagationState, followed: Followed, coarse: Pose, pose: Pose, patch: F32, p: PropagationParams
-) -> F32:
-    """What is kept at a pose that is believed: more, where it looks as it was learned; else as `carried_along`."""
-    return carried_along(state, followed, coarse, pose, patch, p, p.keep_rate)
+) -> tuple[F32, F32]:
+    """What is kept at a pose that is believed, more where it looks as it was learned, and the means learned there."""
+    mask_rate = p.mask_rate if followed.apart else 0.0
+    return _kept(state, followed, coarse, pose, patch, p, (p.keep_rate, p.patch_rate, mask_rate))
 
 
 def carried_along(
-    state: PropagationState,
-    followed: Followed,
-    coarse: Pose,
-    pose: Pose,
-    patch: F32,
-    p: PropagationParams,
-    rate: float = 0.0,
+    state: PropagationState, followed: Followed, coarse: Pose, pose: Pose, patch: F32, p: PropagationParams
 ) -> F32:
-    """Move what is kept with the flow; drop what changed on the way and what moves with the surroundings.
+    """What is kept at a pose of what was kept before, and no more.
 
     Parameters
     ----------
@@ -91,19 +98,30 @@ def carried_along(
         Where the result is wanted.
     patch : ndarray, shape (h, w), float32
         Patch there.
-    rate : float
-        Share of what looks as it was learned that is kept again.
     """
+    return _kept(state, followed, coarse, pose, patch, p, (0.0, 0.0, 0.0))[0]
+
+
+def _kept(
+    state: PropagationState,
+    followed: Followed,
+    coarse: Pose,
+    pose: Pose,
+    patch: F32,
+    p: PropagationParams,
+    rates: tuple[float, float, float],
+) -> tuple[F32, F32]:
     g, model = state.geometry, state.model
     unit, zoom, turn = 2.0 * g.fine_step * coarse.sx, pose.sx / coarse.sx, pose.angle - coarse.angle
     right, down = coarse.offset(pose)
-    kept, room = np.empty_like(state.kept), np.zeros((6, *state.kept.shape), np.float32)
+    rate, mean_rate, mask_rate = rates
+    kept, means = np.empty_like(state.kept), np.empty_like(model.means)
     keep(
-        state.kept, followed.planes, followed.flow, right / unit, down / unit,
-        zoom * math.cos(turn), zoom * math.sin(turn), model.previous, patch, p.same, p.changed, rate, model.means,
-        g.body, room, kept,
+        state.kept, followed.planes, followed.flow, right / unit, down / unit, zoom * math.cos(turn),
+        zoom * math.sin(turn), model.previous, patch, p.same, p.changed, rate, g.body, model.means, mean_rate,
+        mask_rate, g.weights, MASK_FLOOR, np.zeros((6, *kept.shape), np.float32), kept, means,
     )  # fmt: skip
-    return kept
+    return kept, means
 
 
 def kept_share(kept: F32, g: Geometry) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..compiling import kernel, larger, local, part, root, smaller
 
-__all__ = ["follow", "keep", "learn", "recolour"]
+__all__ = ["follow", "keep", "recolour"]
 
 Image = Annotated[NDArray[np.float32], 3]
 Plane = Annotated[NDArray[np.float32], 2]
@@ -20,6 +20,7 @@ Row = Annotated[NDArray[np.float32], 1]
 Bins = Annotated[NDArray[np.int32], 2]
 Mask = Annotated[NDArray[np.uint8], 2]
 
+_ONE = np.float32(1.0)
 _BINS = 512
 _BINS_PER_PX = 64.0
 _histogram = local(_BINS)
@@ -242,12 +243,19 @@ def keep(
     same: float,
     changed: float,
     rate: float,
-    means: Image,
     body: Plane,
+    old: Image,
+    mean_rate: float,
+    mask_rate: float,
+    weights: Plane,
+    floor: float,
     room: Image,
     out: Plane,
+    new: Image,
 ) -> None:
     """Move what is kept with the flow; drop what changed on the way and what moves with the surroundings.
+
+    In the same walk over the pixels the patch is taken into the running means.
 
     Parameters
     ----------
@@ -265,26 +273,43 @@ def keep(
         Difference of gray levels up to which a pixel is the same, and from which it is another.
     rate : float
         Share of what looks as it was learned that counts as the object's again.
-    means : ndarray, shape (4, h, w), float32
-        What was learned: see :func:`learn`.
     body : ndarray, shape (h / 2, w / 2), float32
         The object's pixels.
+    old : ndarray, shape (4, h, w), float32
+        Mean patch; mean absolute deviation from it; share of "moves with the object"; prior weight of each pixel in
+        the fit of the flow, which follows from the last two.
+    mean_rate, mask_rate : float
+        Share of this frame in patch and deviation, and in "moves with the object".
+    weights : ndarray, shape (h, w), float32
+        Prior weight by place.
+    floor : float
+        What is added to "moves with the object" as a weight.
     room : ndarray, shape (6, h / 2, w / 2), float32
         Zeros; room to work in.
     out : ndarray, shape (h / 2, w / 2), float32
         Receives what is kept.
+    new : ndarray, shape (4, h, w), float32
+        Receives the new means.
     """
     rows, columns = kept.shape
     height, width = patch.shape
     for y in range(height):
         for x in range(width):
             i, j = y >> 1, x >> 1
-            room[0, i, j] += 0.25 * planes[0, y, x] / (planes[0, y, x] + 0.1)
-            room[1, i, j] += 0.25 - 0.5 * planes[1, y, x]
+            weight, belongs, now = planes[0, y, x], planes[1, y, x], patch[y, x]
+            mean, deviation, mask = old[0, y, x], old[1, y, x], old[2, y, x]
+            room[0, i, j] += 0.25 * weight / (weight + 0.1)
+            room[1, i, j] += 0.25 - 0.5 * belongs
             room[2, i, j] += 0.25 * previous[y, x]
-            room[3, i, j] += 0.25 * patch[y, x]
-            room[4, i, j] += 0.25 * means[0, y, x]
-            room[5, i, j] += 0.25 * means[1, y, x]
+            room[3, i, j] += 0.25 * now
+            room[4, i, j] += 0.25 * mean
+            room[5, i, j] += 0.25 * deviation
+            new[0, y, x] = mean + mean_rate * (now - mean)
+            deviation += mean_rate * (abs(now - mean) - deviation)
+            mask += mask_rate * weight / (weight + 0.2) * (belongs - mask)
+            new[1, y, x] = deviation
+            new[2, y, x] = mask
+            new[3, y, x] = weights[y, x] * (floor + mask) / (1.0 + 0.01 * deviation * deviation)
     for i in range(rows):
         for j in range(columns):
             room[0, i, j] = kept[i, j] * (1.0 - room[0, i, j] * larger(room[1, i, j], 0.0))
@@ -302,58 +327,14 @@ def keep(
                 share = (1.0 - abs(ky - y)) * (1.0 - abs(kx - x))
                 held += share * room[0, ky, kx]
                 before += share * room[2, ky, kx]
-            value = held * smaller(larger((changed - abs(before - room[3, i, j])) / (changed - same), 0.0), 1.0)
-            error = (room[3, i, j] - room[4, i, j]) / (10.0 + room[5, i, j])
+            now = room[3, i, j]
+            value = held * smaller(larger((changed - abs(before - now)) / (changed - same), 0.0), 1.0)
+            error = (now - room[4, i, j]) / (10.0 + room[5, i, j])
             out[i, j] = value + rate * _decay(error * error) * (body[i, j] - value)
 
 
 @kernel()
-def learn(
-    patch: Plane,
-    old: Image,
-    planes: Image,
-    rate: float,
-    mask_rate: float,
-    weights: Plane,
-    floor: float,
-    new: Image,
-) -> None:
-    """Take a patch into the running means.
-
-    Parameters
-    ----------
-    patch : ndarray, shape (h, w), float32
-    old : ndarray, shape (4, h, w), float32
-        Mean patch; mean absolute deviation from it; share of "moves with the object"; prior weight of each pixel in
-        the fit of the flow, which follows from the last two.
-    planes : ndarray, shape (5, h, w), float32
-        From :func:`follow`.
-    rate, mask_rate : float
-        Share of this frame in patch and deviation, and in "moves with the object".
-    weights : ndarray, shape (h, w), float32
-        Prior weight by place.
-    floor : float
-        What is added to "moves with the object" as a weight.
-    new : ndarray, shape (4, h, w), float32
-        Receives the new ones.
-    """
-    height, width = patch.shape
-    for y in range(height):
-        for x in range(width):
-            error = patch[y, x] - old[0, y, x]
-            deviation = old[1, y, x] + rate * (abs(error) - old[1, y, x])
-            textured = planes[0, y, x] / (planes[0, y, x] + 0.2)
-            belongs = old[2, y, x] + mask_rate * textured * (planes[1, y, x] - old[2, y, x])
-            new[0, y, x] = old[0, y, x] + rate * error
-            new[1, y, x] = deviation
-            new[2, y, x] = belongs
-            new[3, y, x] = weights[y, x] * (floor + belongs) / (1.0 + 0.01 * deviation * deviation)
-
-
-@kernel()
-def recolour(
-    bins: Bins, inside: Mask, taps: Row, rate: float, old: Plane, counts: Plane, new: Plane, likelihood: Row
-) -> None:
+def recolour(bins: Bins, inside: Mask, taps: Row, rate: float, old: Plane, counts: Plane, new: Plane) -> None:
     """Take the colours of a coarse window into the histograms.
 
     Parameters
@@ -372,27 +353,20 @@ def recolour(
         Zeros; room to work in.
     new : ndarray, shape (2, bins), float32
         Receives the new shares.
-    likelihood : ndarray, shape (bins,), float32
-        Receives the share of the object in each bin, 0–1.
     """
     rows, columns = bins.shape
-    size, reach = likelihood.shape[0], taps.shape[0] // 2
+    size, reach = old.shape[1], taps.shape[0] // 2
     for i in range(rows):
         for j in range(columns):
-            counts[1 - inside[i, j], bins[i, j]] += np.float32(1.0)
-    total_inside = total_outside = 1e-9
-    for i in range(size):
-        object_share = other_share = 0.0
-        for j in range(2 * reach + 1):
-            # beyond the ends the bins are mirrored, as in OpenCV's filters
-            at = size - 1 - abs(size - 1 - abs(i + j - reach))
-            object_share += taps[j] * counts[0, at]
-            other_share += taps[j] * counts[1, at]
-        new[0, i], new[1, i] = object_share, other_share
-        total_inside += object_share
-        total_outside += other_share
-    for i in range(size):
-        object_share = old[0, i] + rate * (new[0, i] / total_inside - old[0, i])
-        other_share = old[1, i] + rate * (new[1, i] / total_outside - old[1, i])
-        new[0, i], new[1, i] = object_share, other_share
-        likelihood[i] = (object_share + 1e-4) / (object_share + other_share + 2e-4)
+            counts[1 - inside[i, j], bins[i, j]] += _ONE
+    for k in range(2):
+        total = 1e-9
+        for i in range(size):
+            value = 0.0
+            for j in range(2 * reach + 1):
+                # beyond the ends the bins are mirrored, as in OpenCV's filters
+                value += taps[j] * counts[k, size - 1 - abs(size - 1 - abs(i + j - reach))]
+            new[k, i] = value
+            total += value
+        for i in range(size):
+            new[k, i] = old[k, i] + rate * (new[k, i] / total - old[k, i])

@@ -37,7 +37,7 @@ class Found(NamedTuple):
 def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty: float) -> Found:
     """Best place in the window at a pose."""
     g, model = state.geometry, state.model
-    sight = view.sight(at, model.likelihood)
+    sight = view.sight(at, model.histograms)
     response = anchor.respond(model.located, sight.channels)
     right, down = (at.cx - expected.cx) / (g.w * expected.sx), (at.cy - expected.cy) / (g.h * expected.sy)
     fade = anchor.Fade(penalty, right, down, g.coarse_step / g.w, g.coarse_step / g.h)

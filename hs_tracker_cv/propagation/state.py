@@ -273,8 +273,6 @@ class Model(NamedTuple):
         Good frames since the last one was added.
     histograms : ndarray, shape (2, bins), float32, or None
         Shares of the bins inside and outside the box; None where colours do not tell.
-    likelihood : ndarray, shape (bins,), float32, or None
-        Share of the object in each bin.
     located : CorrelationFilter
     """
 
@@ -283,7 +281,6 @@ class Model(NamedTuple):
     keys: F32
     key_age: int
     histograms: F32 | None
-    likelihood: F32 | None
     located: anchor.CorrelationFilter
 
     @property

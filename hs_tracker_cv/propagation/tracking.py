@@ -13,8 +13,8 @@ from ..flow import HornSchunck
 from ..frames import Frame
 from ..geometry import Box
 from ..patches import COLOURS, GRAYS
-from .kept import Carried, Followed, body_weights, carried_along, coherence_with, kept_share, refreshed
-from .kernels import follow, learn, recolour
+from .kept import MASK_FLOOR, Carried, Followed, body_weights, carried_along, coherence_with, kept_share, refreshed
+from .kernels import follow, recolour
 from .search import Found, find, look, place
 from .state import (
     Geometry,
@@ -34,7 +34,6 @@ __all__ = ["dismiss", "ride", "start", "step"]
 F32 = NDArray[np.float32]
 
 _COLOUR_THRESHOLD = 2.0
-_MASK_FLOOR = 0.15
 _KEY_MATCH = 0.7
 _MIN_SIDE = 6.0
 _CLEARLY = 0.1
@@ -56,7 +55,9 @@ def _flow(a: F32, b: F32, params: PropagationParams, levels: int) -> F32:
     solvers = _local.__dict__.setdefault("solvers", {})
     key = (params.preset, params.smoothness, levels, params.warps)
     if key not in solvers:
-        solvers[key] = HornSchunck(params.preset, smoothness=params.smoothness, levels=levels, warps=params.warps)
+        solvers[key] = HornSchunck(
+            params.preset, smoothness=params.smoothness, levels=levels, warps=params.warps, gain=1.0
+        )
     flow: F32 = solvers[key].calc(a, b, None)
     return flow
 
@@ -95,27 +96,26 @@ def _window(g: Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, 
 
 def _first_model(view: View, g: Geometry, pose: Pose, p: PropagationParams) -> tuple[Model, float]:
     """What the first frame tells, and the mean likelihood of the object's colours in its box."""
-    fine, first = view.fine(pose).gray, view.sight(pose, np.zeros(COLOURS, np.float32))
-    raw, histograms, likelihood, colour = first.raw, None, None, 1.0
+    fine, first = view.fine(pose).gray, view.sight(pose, np.zeros((2, COLOURS), np.float32))
+    raw, histograms, colour = first.raw, None, 1.0
     still, moving = np.zeros((*fine.shape, 2), np.float32), np.ones_like(fine)
-    means = np.stack((fine, still[:, :, 0], moving, np.float32(1.0 + _MASK_FLOOR) * g.weights))
+    means = np.stack((fine, still[:, :, 0], moving, np.float32(1.0 + MASK_FLOOR) * g.weights))
     if raw.shape[2] == 1 or float(np.abs(raw[:, :, 0] - raw[:, :, 2]).mean()) > _COLOUR_THRESHOLD:
         nothing = np.zeros((2, GRAYS if raw.shape[2] == 1 else COLOURS), np.float32)
-        histograms, likelihood = _recoloured(nothing, first.bins, g, 1.0)
-    sight = view.sight(pose, likelihood)
-    if likelihood is not None:
+        histograms = _recoloured(nothing, first.bins, g, 1.0)
+    sight = view.sight(pose, histograms)
+    if histograms is not None:
         found = Found(0.0, pose, 0.0, sight.likelihood, pose, sight.likelihood)
         colour = _followed(fine, fine, still, means[3], g, p, -1.0, found).colour
     located = anchor.train(sight.channels, p.filter_sigma)
-    return Model(fine, means, fine[np.newaxis], 0, histograms, likelihood, located), colour
+    return Model(fine, means, fine[np.newaxis], 0, histograms, located), colour
 
 
-def _recoloured(histograms: F32, bins: NDArray[np.int32], g: Geometry, rate: float) -> tuple[F32, F32]:
-    """Histograms with one more window mixed in at `rate`, and the likelihood of each bin."""
-    counts, mixed, likelihood = np.zeros_like(histograms), np.empty_like(histograms), np.empty_like(histograms[0])
-    taps = _BLUR if len(likelihood) == GRAYS else _NO_BLUR
-    recolour(bins, g.inside, taps, rate, histograms, counts, mixed, likelihood)
-    return mixed, likelihood
+def _recoloured(histograms: F32, bins: NDArray[np.int32], g: Geometry, rate: float) -> F32:
+    """Histograms with one more window mixed in at `rate`."""
+    counts, mixed = np.zeros_like(histograms), np.empty_like(histograms)
+    recolour(bins, g.inside, _BLUR if histograms.shape[1] == GRAYS else _NO_BLUR, rate, histograms, counts, mixed)
+    return mixed
 
 
 def step(
@@ -145,7 +145,7 @@ def step(
     carried = _carry(state, view, found, params)
     pose, keys = _hold(state, view, frame, carried, found.height, params)
     verdict = _judge(state, frame, pose, expected, found.height, keys, carried.followed.colour, params)
-    kept, coarse, leap = state.kept, found.pose, jump_from(g, pose, expected) > params.far
+    kept, means, coarse, leap = state.kept, state.model.means, found.pose, jump_from(g, pose, expected) > params.far
     tracking = state.low <= params.patience
     if tracking and (leap or verdict != _GOOD):
         stayed, coherence, kept = _continue(state, view, expected, params)
@@ -157,14 +157,16 @@ def step(
                 verdict = _UNSURE
     if verdict == _GOOD:
         seen = view.fine(pose).gray
-        kept = g.body if leap or not tracking else refreshed(state, carried.followed, found.pose, pose, seen, params)
+        kept, means = refreshed(state, carried.followed, found.pose, pose, seen, params)
+        if leap or not tracking:
+            kept = g.body
     pose, velocity, low = _settle(state, pose, coarse, verdict, params)
     lost, share = low > params.patience, kept_share(kept, g)
     model = state.model if lost and verdict == _BAD else state.model._replace(previous=view.fine(pose).gray)
     hint = found.pose if lost and verdict == _BAD else None
     peak, match, colour, good_frames = state.peak, state.match, state.colour, state.good_frames
     if verdict == _GOOD:
-        model = _learn(model, view, g, pose, carried, max(keys), share, params)
+        model = _learn(model, means, view, g, pose, carried.patch.agreement, max(keys), share, params)
         match += params.match_rate * (max(keys) - match)
         colour += params.match_rate * (carried.followed.colour - colour)
         good_frames += 1
@@ -228,7 +230,7 @@ def _continue(state: PropagationState, view: View, expected: Pose, p: Propagatio
     """
     g, model = state.geometry, state.model
     current = view.fine(expected).gray
-    prior = g.weights * (np.float32(_MASK_FLOOR) + model.means[2]) * body_weights(state)
+    prior = g.weights * (np.float32(MASK_FLOOR) + model.means[2]) * body_weights(state)
     flow = _flow(model.previous, current, p, p.levels)
     followed = _followed(model.previous, current, flow, prior, g, p, p.separation, None)
     pose = _applied(expected, followed, g, 0.0)
@@ -353,25 +355,24 @@ def _score(evidence: float, kept: float) -> float:
 
 def _learn(
     model: Model,
+    means: F32,
     view: View,
     g: Geometry,
     pose: Pose,
-    carried: Carried,
+    agreement: float,
     best_key: float,
     kept: float,
     p: PropagationParams,
 ) -> Model:
-    patch, followed, histograms, likelihood = model.previous, carried.followed, model.histograms, model.likelihood
-    sight = view.sight(pose, likelihood)
+    histograms = model.histograms
+    sight = view.sight(pose, histograms)
     located = anchor.learn(model.located, sight.channels, p.filter_rate)
     if histograms is not None:
-        histograms, likelihood = _recoloured(histograms, sight.bins, g, p.colour_rate)
+        histograms = _recoloured(histograms, sight.bins, g, p.colour_rate)
     keys, age = model.keys, model.key_age + 1
-    if best_key < _KEY_MATCH and carried.patch.agreement > 0.6 and kept >= p.new_key and age >= p.key_gap:
-        keys, age = np.stack((keys[0], *keys[1:][2 - p.keys :], patch)), 0
-    means, mask_rate = np.empty_like(model.means), p.mask_rate if followed.apart else 0.0
-    learn(patch, model.means, followed.planes, p.patch_rate, mask_rate, g.weights, _MASK_FLOOR, means)
-    return Model(patch, means, keys, age, histograms, likelihood, located)
+    if best_key < _KEY_MATCH and agreement > 0.6 and kept >= p.new_key and age >= p.key_gap:
+        keys, age = np.stack((keys[0], *keys[1:][2 - p.keys :], model.previous)), 0
+    return Model(model.previous, means, keys, age, histograms, located)
 
 
 def ride(state: PropagationState, box: Box) -> PropagationState:

@@ -64,11 +64,11 @@ class View:
             found = self._seen[pose] = Patch(gray, agreement, keys)
         return found
 
-    def sight(self, pose: Pose, likelihood: F32 | None) -> Sight:
+    def sight(self, pose: Pose, histograms: F32 | None) -> Sight:
         """Window of the correlation filter at a pose, and the object's colours in it."""
         window = self._geometry.window
         at = self._place(pose, self._geometry.coarse_step, *window.shape)
-        return patches.sight(self._colour, self._gray, at, likelihood, window)
+        return patches.sight(self._colour, self._gray, at, histograms, window)
 
     @property
     def size(self) -> tuple[float, float]:
