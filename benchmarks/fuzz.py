@@ -48,7 +48,7 @@ PATIENCE = 5.0
 GRACE = 60.0
 """Seconds that a batch may take besides, to start."""
 
-KERNELS = ["hs_tracker_cv.flow.kernels", "hs_tracker_cv.layers.kernels", "hs_tracker_cv.patches"]
+KERNELS = [f"hs_tracker_cv.{name}" for name in ("flow.kernels", "layers.kernels", "patches", "propagation.kernels")]
 
 
 @dataclass(frozen=True)

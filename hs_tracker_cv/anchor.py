@@ -9,31 +9,31 @@ but only where the two overlap. :mod:`~hs_tracker_cv.propagation` uses the one t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from typing import Annotated, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from . import patches
+from .compiling import kernel
 
-__all__ = ["CorrelationFilter", "features", "hann", "learn", "respond", "train"]
+__all__ = ["CorrelationFilter", "Fade", "Peak", "correlation", "find_peak", "hann", "learn", "respond", "train"]
 
 F32 = NDArray[np.float32]
 C64 = NDArray[np.complex64]
+Row = Annotated[NDArray[np.float32], 1]
+Plane = Annotated[NDArray[np.float32], 2]
 
 _REGULARISATION = 1e-3
-_EDGES = 3.0
 
 
-@dataclass(frozen=True)
-class CorrelationFilter:
+class CorrelationFilter(NamedTuple):
     """A multi-channel correlation filter in the Fourier domain.
 
     Parameters
     ----------
     target : ndarray, shape (h, w // 2 + 1), complex64
-        Transform of the wanted response: a Gaussian round zero displacement.
+        Transform of the wanted response: a Gaussian round the middle, ``[h // 2, w // 2]``.
     numerator : ndarray, shape (C, h, w // 2 + 1), complex64
         Running mean of target × conjugate features.
     energy : ndarray, shape (h, w // 2 + 1), float32
@@ -57,64 +57,34 @@ def hann(height: int, width: int) -> F32:
     return np.outer(rows, columns).astype(np.float32)
 
 
-def features(gray: F32, likelihood: F32 | None, window: F32) -> F32:
-    """Channels of the filter: edges in four directions, log-gray, and the colour likelihood when there is one.
-
-    Parameters
-    ----------
-    gray : ndarray, shape (2 h, 2 w), float32
-        0–255, twice as fine as the filter.
-    likelihood : ndarray, shape (h, w), float32, or None
-        Share of the object's colour in each sample, 0–1.
-    window : ndarray, shape (h, w), float32
-        Fading weights.
-
-    Returns
-    -------
-    ndarray, shape (C, h, w), float32
-        C is 5 or 6; each channel of zero mean under the window and about unit variance.
-    """
-    out = np.empty((5 if likelihood is None else 6, *window.shape), np.float32)
-    patches.orientations(gray, out[:4])
-    out[:4] *= np.float32(_EDGES)
-    rows = gray[::2] + gray[1::2]
-    light = cv2.log((rows[:, ::2] + rows[:, 1::2]) * np.float32(0.25) + np.float32(8.0))
-    mean, deviation = cv2.meanStdDev(light)
-    out[4] = (light - mean[0, 0]) / (deviation[0, 0] + 0.05)
-    if likelihood is not None:
-        np.subtract(likelihood, np.float32(likelihood.mean()), out=out[5])
-        out[5] *= np.float32(3.0)
-    out *= window
-    return out
-
-
 def train(channels: F32, sigma: float) -> CorrelationFilter:
     """Learn a filter from one window.
 
     Parameters
     ----------
     channels : ndarray, shape (C, h, w), float32
-        From :func:`features`; h and w even.
+        From :func:`.patches.sight`; h and w even.
     sigma : float
         Width of the wanted response, samples.
     """
     height, width = channels.shape[1:]
-    y = np.minimum(np.arange(height), height - np.arange(height))
-    x = np.minimum(np.arange(width), width - np.arange(width))
+    y, x = np.arange(height) - height // 2, np.arange(width) - width // 2
     wanted = np.exp(-(y[:, None] ** 2 + x[None, :] ** 2) / (2.0 * sigma * sigma)).astype(np.float32)
     target = _transform(wanted)
     spectrum = _transform(channels)
-    return CorrelationFilter(target, np.ascontiguousarray(target * spectrum.conj()), _power(spectrum))
+    energy = (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
+    return CorrelationFilter(target, target * spectrum.conj(), energy)
 
 
 def learn(old: CorrelationFilter, channels: F32, rate: float) -> CorrelationFilter:
     """Return the filter with one more window mixed in at `rate` (0–1)."""
-    spectrum = _transform(channels)
     numerator, energy = np.empty_like(old.numerator), np.empty_like(old.energy)
-    patches.mix(
-        _parts(old.numerator), old.energy, _parts(old.target), _parts(spectrum), rate, _parts(numerator), energy
-    )
-    return replace(old, numerator=numerator, energy=energy)
+    spectrum = _parts(_transform(channels))
+    _mix(
+        _parts(old.target).ravel(), spectrum, rate, _parts(old.numerator), old.energy.ravel(), _parts(numerator),
+        energy.ravel(),
+    )  # fmt: skip
+    return CorrelationFilter(old.target, numerator, energy)
 
 
 def respond(filter_: CorrelationFilter, channels: F32) -> F32:
@@ -125,16 +95,69 @@ def respond(filter_: CorrelationFilter, channels: F32) -> F32:
     ndarray, shape (h, w), float32
         Zero displacement is at ``[h // 2, w // 2]``.
     """
+    count, height, width = channels.shape
     spectrum = _transform(channels)
-    height, width = channels.shape[1:]
-    floor, product = _REGULARISATION * channels.shape[0] * height * width, np.empty_like(filter_.target)
-    patches.respond(_parts(filter_.numerator), _parts(spectrum), filter_.energy, floor, _parts(product))
-    response = np.fft.irfft(np.fft.ifft(product, axis=0), n=width).astype(np.float32, copy=False)
-    shifted = np.empty_like(response)
-    down, across = height // 2, width // 2
-    shifted[down:, across:], shifted[down:, :across] = response[:-down, :-across], response[:-down, -across:]
-    shifted[:down, across:], shifted[:down, :across] = response[-down:, :-across], response[-down:, -across:]
-    return shifted
+    spectrum *= filter_.numerator
+    product = spectrum.sum(axis=0)
+    product /= filter_.energy + np.float32(_REGULARISATION * count * height * width)
+    return np.ascontiguousarray(np.fft.irfft(np.fft.ifft(product, axis=0), n=width), np.float32)
+
+
+class Fade(NamedTuple):
+    """A penalty on distance: `weight` times the square of a distance from a point, per axis in units of its own.
+
+    Parameters
+    ----------
+    weight : float
+    right, down : float
+        Where the response's centre is, seen from the point, units.
+    across, along : float
+        Units per sample to the right and downwards.
+    """
+
+    weight: float
+    right: float
+    down: float
+    across: float
+    along: float
+
+
+class Peak(NamedTuple):
+    """Highest point of a response, with sub-sample displacement (dx, dy) from the centre, samples.
+
+    `height` is the response there less the fade, `response` that of the nearest sample.
+    """
+
+    dx: float
+    dy: float
+    height: float
+    response: float
+
+
+NO_FADE = Fade(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def find_peak(response: F32, fade: Fade = NO_FADE) -> Peak:
+    """Highest point of a response less a fade; zero displacement is at ``[h // 2, w // 2]``; parabolic sub-sample."""
+    score = np.empty_like(response)
+    y, x = divmod(_fade(response, *fade, score), score.shape[1])
+    height, width = score.shape
+    dx, dy, top = float(x - width // 2), float(y - height // 2), score.item(y, x)
+    if 0 < x < width - 1:
+        dx += _vertex(score.item(y, x - 1), top, score.item(y, x + 1))
+    if 0 < y < height - 1:
+        dy += _vertex(score.item(y - 1, x), top, score.item(y + 1, x))
+    return Peak(dx, dy, top, response.item(y, x))
+
+
+def correlation(a: F32, b: F32, weights: F32) -> float:
+    """Weighted normalised cross-correlation of two patches, −1 to 1."""
+    total = float(weights.sum())
+    a = a - np.float32(float(np.vdot(weights, a)) / total)
+    b = b - np.float32(float(np.vdot(weights, b)) / total)
+    weighted = weights * a
+    power = float(np.vdot(weighted, a)) * float(np.vdot(weights * b, b))
+    return float(np.vdot(weighted, b)) / math.sqrt(power + 1e-6)
 
 
 def _transform(plane: F32) -> C64:
@@ -143,10 +166,46 @@ def _transform(plane: F32) -> C64:
 
 
 def _parts(spectrum: C64) -> F32:
-    """Real and imaginary parts in turn."""
-    return spectrum.view(np.float32)
+    """Real and imaginary parts of each plane in turn, (C, 2 h w), of the same memory."""
+    return spectrum.view(np.float32).reshape(len(spectrum), -1)
 
 
-def _power(spectrum: C64) -> F32:
-    power: F32 = (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
-    return power
+@kernel()
+def _mix(
+    target: Row, spectrum: Plane, rate: float, old: Plane, old_energy: Row, numerator: Plane, energy: Row
+) -> None:
+    """Mix a window's ``target * conj(spectrum)`` and power into numerator and energy."""
+    count = spectrum.shape[0]
+    keep, share = np.float32(1.0 - rate), np.float32(rate)
+    for i in range(energy.shape[0]):
+        a, b = share * target[2 * i], share * target[2 * i + 1]
+        power = np.float32(0.0)
+        for k in range(count):
+            x, y = spectrum[k, 2 * i], spectrum[k, 2 * i + 1]
+            numerator[k, 2 * i] = keep * old[k, 2 * i] + (a * x + b * y)
+            numerator[k, 2 * i + 1] = keep * old[k, 2 * i + 1] + (b * x - a * y)
+            power += x * x + y * y
+        energy[i] = keep * old_energy[i] + share * power
+
+
+@kernel()
+def _fade(
+    response: Plane, weight: float, right: float, down: float, across: float, along: float, score: Plane
+) -> int:
+    """Write the response less the fade; return the index of the highest value."""
+    rows, columns = response.shape
+    best, height = 0, -np.inf
+    for i in range(rows):
+        y = down + (i - rows // 2) * along
+        for j in range(columns):
+            x = right + (j - columns // 2) * across
+            value = response[i, j] - weight * (x * x + y * y)
+            score[i, j] = value
+            if value > height:
+                best, height = i * columns + j, value
+    return best
+
+
+def _vertex(left: float, middle: float, right: float) -> float:
+    curve = left - 2.0 * middle + right
+    return 0.0 if curve >= 0.0 else min(max(0.5 * (left - right) / curve, -0.5), 0.5)

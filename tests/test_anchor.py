@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hs_tracker_cv import anchor, patches
+from hs_tracker_cv.patches import COLOURS, GRAYS, Place
 
 SIDE = 64
 
@@ -24,15 +25,18 @@ def _window(scene: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.floa
     return np.asarray(cv2.getRectSubPix(scene, (2 * SIDE, 2 * SIDE), middle), np.float32)
 
 
+def _sight(
+    colour: NDArray[np.float32], histograms: NDArray[np.float32] | None, window: NDArray[np.float32]
+) -> patches.Sight:
+    """Channels of a window (2 h, 2 w, C), read pixel by pixel."""
+    height, width = colour.shape[:2]
+    at = Place(0.5 * (width - 1), 0.5 * (height - 1), 2.0, 2.0, 0.0)
+    gray = np.ascontiguousarray(colour.mean(axis=2), np.float32)
+    return patches.sight(np.ascontiguousarray(colour), gray, at, histograms, window)
+
+
 def _channels(window: NDArray[np.float32]) -> NDArray[np.float32]:
-    return anchor.features(window, None, anchor.hann(SIDE, SIDE))
-
-
-def _peak(score: NDArray[np.float32]) -> tuple[float, float, float, float]:
-    """Highest point of a response, no place being worth less than another."""
-    nowhere = np.zeros_like(score)
-    dx, dy, height, nearest = patches.peak(score, nowhere, nowhere, 0.0, 0.0, 0.0, np.empty_like(score))
-    return dx, dy, height, nearest
+    return _sight(window[:, :, None], None, anchor.hann(SIDE, SIDE)).channels
 
 
 @pytest.mark.parametrize(
@@ -48,17 +52,18 @@ def test_peak_is_at_the_known_shift(dx: float, dy: float) -> None:
     """The response peaks within a fifth of a sample of the true displacement."""
     scene = _scene()
     learned = anchor.train(_channels(_window(scene, 0, 0)), 1.6)
-    found = _peak(anchor.respond(learned, _channels(_window(scene, dx, dy))))
-    assert found[:2] == pytest.approx((dx, dy), abs=0.2)
+    peak = anchor.find_peak(anchor.respond(learned, _channels(_window(scene, dx, dy))))
+    assert peak.dx == pytest.approx(dx, abs=0.2)
+    assert peak.dy == pytest.approx(dy, abs=0.2)
 
 
 def test_response_to_what_was_learned_is_nearly_one() -> None:
     """The window the filter was trained on answers with a peak just under 1, another scene with far less."""
     learned = anchor.train(_channels(_window(_scene(), 0, 0)), 1.6)
-    _, _, same, _ = _peak(anchor.respond(learned, _channels(_window(_scene(), 0, 0))))
-    _, _, other, _ = _peak(anchor.respond(learned, _channels(_window(_scene(8), 0, 0))))
-    assert 0.9 < same <= 1.0
-    assert other < 0.4
+    same = anchor.find_peak(anchor.respond(learned, _channels(_window(_scene(), 0, 0))))
+    other = anchor.find_peak(anchor.respond(learned, _channels(_window(_scene(8), 0, 0))))
+    assert 0.9 < same.height <= 1.0
+    assert other.height < 0.4
 
 
 def test_learning_moves_the_filter_and_leaves_the_old_one_alone() -> None:
@@ -69,34 +74,47 @@ def test_learning_moves_the_filter_and_leaves_the_old_one_alone() -> None:
     new = old
     for _ in range(60):
         new = anchor.learn(new, new_view, 0.1)
-    assert _peak(anchor.respond(new, new_view))[2] > 0.9
+    assert anchor.find_peak(anchor.respond(new, new_view)).height > 0.9
     np.testing.assert_array_equal(old.numerator, before[0])
     np.testing.assert_array_equal(old.energy, before[1])
 
 
 def test_likelihood_adds_a_channel() -> None:
-    """A colour likelihood is a sixth channel; every channel fades towards the border."""
-    window, likelihood = _window(_scene(), 0, 0), np.full((SIDE, SIDE), 0.5, np.float32)
-    likelihood[20:40, 20:40] = 0.9
-    channels = anchor.features(window, likelihood, anchor.hann(SIDE, SIDE))
+    """Colours of the object are a sixth channel; every channel fades towards the border."""
+    window, histograms = _window(_scene(), 0, 0)[:, :, None].repeat(3, 2), np.full((2, COLOURS), 0.1, np.float32)
+    window[40:80, 40:80] = (200.0, 10.0, 90.0)
+    histograms[0, (12 << 8) + (0 << 4) + 5] = 0.9
+    channels = _sight(window, histograms, anchor.hann(SIDE, SIDE)).channels
     assert channels.shape == (6, SIDE, SIDE)
     assert np.abs(channels[:, 0]).max() < 0.02
-    assert np.abs(channels[5, 25:35, 25:35]).min() > 0.5
+    assert channels[5, 25:35, 25:35].min() > 0.5
+    assert channels[5, :10, :10].max() < 0.0
 
 
-def test_a_filter_is_the_ratio_of_mean_spectra() -> None:
-    """Training, one step of learning and the response are what NumPy makes of their formulas."""
-    first, second = _channels(_window(_scene(), 0, 0)), _channels(_window(_scene(8), 1, 2))
-    old = anchor.train(first, 1.6)
-    spectra = [np.fft.rfft2(channels).astype(np.complex128) for channels in (first, second)]
-    numerator = 0.75 * old.target * spectra[0].conj() + 0.25 * old.target * spectra[1].conj()
-    energy = 0.75 * (np.abs(spectra[0]) ** 2).sum(axis=0) + 0.25 * (np.abs(spectra[1]) ** 2).sum(axis=0)
-    new = anchor.learn(old, second, 0.25)
-    np.testing.assert_allclose(new.numerator, numerator, atol=1e-3 * np.abs(numerator).max())
-    np.testing.assert_allclose(new.energy, energy, rtol=1e-3)
-    floor = 1e-3 * 5 * SIDE * SIDE
-    response = np.fft.irfft2((numerator * spectra[1]).sum(axis=0) / (energy + floor), s=(SIDE, SIDE))
-    np.testing.assert_allclose(anchor.respond(new, second), np.fft.fftshift(response), atol=1e-3)
+def test_samples_are_binned_by_colour() -> None:
+    """Each sample has the bin of its colour, 16³ or 64 of gray, and the mean likelihood of 3 × 3 samples."""
+    colour = np.full((32, 40, 3), (33.0, 255.0, 16.0), np.float32)
+    colour[:, 20:] = (0.0, 47.9, 250.0)
+    left, right = (2 << 8) + (15 << 4) + 1, (0 << 8) + (2 << 4) + 15
+    histograms = np.zeros((2, COLOURS), np.float32)
+    histograms[:, left], histograms[:, right] = (0.8999, 0.0999), (0.0, 0.5)
+    sight = _sight(colour, histograms, np.ones((16, 20), np.float32))
+    assert set(np.unique(sight.bins[:, :10])) == {left}
+    assert set(np.unique(sight.bins[:, 10:])) == {right}
+    expected = np.repeat([0.9, 0.6, 0.3, 0.0], [9, 1, 1, 9])[None, :].repeat(16, 0)
+    np.testing.assert_allclose(sight.likelihood, expected, atol=3e-4)
+    gray = _sight(colour[:, :, 2:], np.zeros((2, GRAYS), np.float32), np.ones((16, 20), np.float32))
+    assert set(np.unique(gray.bins[:, :10])) == {4}
+    assert set(np.unique(gray.bins[:, 10:])) == {62}
+
+
+def test_light_is_the_standardised_logarithm() -> None:
+    """The fifth channel is log(gray + 8) less its mean over its deviation, also at both ends of the gray levels."""
+    gray = np.linspace(0.0, 255.0, 32 * 40, dtype=np.float32).reshape(32, 40).repeat(2, 0).repeat(2, 1)
+    light = _sight(gray[:, :, None], None, np.ones((32, 40), np.float32)).channels[4]
+    expected = np.log(gray[::2, ::2] + 8.0)
+    expected = (expected - expected.mean()) / (expected.std() + 0.05)
+    np.testing.assert_allclose(light, expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("turn", [0, 1, 2, 3])
@@ -106,26 +124,40 @@ def test_orientation_has_its_channel(turn: int) -> None:
     angle = np.pi / 4 * turn
     grating = np.asarray(128 + 60 * np.sin(0.7 * (x * np.cos(angle) + y * np.sin(angle))), np.float32)
     flat = np.full((32, 32), 128, np.float32)
-    out = np.empty((4, 16, 16), np.float32)
     stepped = grating.copy()
     stepped[:, :16] = 128.0
-    patches.orientations(stepped, out)
+
+    def edges(gray: NDArray[np.float32]) -> NDArray[np.float32]:
+        return _sight(gray[:, :, None], None, np.ones((16, 16), np.float32)).channels[:4]
+
+    out = edges(stepped)
     right = out[:, 2:-2, 9:-1].mean(axis=(1, 2))
     assert int(np.argmax(right)) == [0, 2, 1, 3][turn]
-    negative = np.empty_like(out)
-    patches.orientations(np.asarray(256 - stepped, np.float32), negative)
-    np.testing.assert_allclose(negative, out, atol=1e-5)
-    patches.orientations(flat, out)
-    np.testing.assert_array_equal(out, 0.0)
+    np.testing.assert_allclose(out.mean(axis=(1, 2)), 0.0, atol=1e-5)
+    np.testing.assert_allclose(edges(np.asarray(256 - stepped, np.float32)), out, atol=1e-4)
+    np.testing.assert_array_equal(edges(flat), 0.0)
 
 
 def test_peak_position_is_parabolic() -> None:
     """A sampled paraboloid gives back its vertex."""
     y, x = np.mgrid[:16, :20].astype(np.float32)
     score = np.asarray(1 - 0.01 * ((x - 12.3) ** 2 + (y - 6.8) ** 2), np.float32)
-    dx, dy, height, nearest = _peak(score)
-    assert (dx, dy) == pytest.approx((2.3, -1.2), abs=1e-3)
-    assert height == nearest == score[7, 12]
+    peak = anchor.find_peak(score)
+    assert peak.dx == pytest.approx(2.3, abs=1e-3)
+    assert peak.dy == pytest.approx(-1.2, abs=1e-3)
+    assert peak.height == peak.response == score[7, 12]
+
+
+def test_fade_lowers_what_is_far_from_a_point() -> None:
+    """Of two equal peaks the nearer one is found; its height is lowered by the weight times the squared distance."""
+    score = np.zeros((16, 20), np.float32)
+    score[5, 4] = score[5, 16] = 0.8
+    # The point is 3 samples to the right of the middle and 1 above it; a unit is 4 samples, and 2.
+    fade = anchor.Fade(0.1, -3 / 4, 1 / 2, 1 / 4, 1 / 2)
+    peak = anchor.find_peak(score, fade)
+    assert (round(peak.dx), round(peak.dy)) == (6, -3)
+    assert peak.response == score[5, 16]
+    assert peak.height == pytest.approx(0.8 - 0.1 * ((3 / 4) ** 2 + (2 / 2) ** 2))
 
 
 @pytest.mark.parametrize(
@@ -141,5 +173,5 @@ def test_correlation_ignores_gain_and_offset(gain: float, offset: float, expecte
     patch = _window(_scene(), 0, 0)
     weights = anchor.hann(2 * SIDE, 2 * SIDE)
     changed = np.asarray(gain * patch + offset, np.float32)
-    assert patches.correlation(patch, changed, weights) == pytest.approx(expected, abs=1e-3)
-    assert abs(patches.correlation(patch, _window(_scene(8), 0, 0), weights)) < 0.4
+    assert anchor.correlation(patch, changed, weights) == pytest.approx(expected, abs=1e-3)
+    assert abs(anchor.correlation(patch, _window(_scene(8), 0, 0), weights)) < 0.4

@@ -18,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hs_tracker_cv import TrackerHS_create, TrackerHS_Params
-from hs_tracker_cv.patches import misfit
+from hs_tracker_cv.anchor import find_peak
 from tests.conftest import moving_square
 
 TRACKERS = 8
@@ -89,14 +89,14 @@ def test_eight_threads_equal_eight_runs_in_sequence() -> None:
 
 def test_kernels_release_the_gil() -> None:
     """Another thread runs while a kernel does, in an interpreter that takes the GIL from nobody."""
-    flow, motion, square = np.zeros((1500, 1500, 2), np.float32), np.zeros(6), np.zeros((1500, 1500), np.float32)
-    misfit(flow, motion, square)
+    response = np.zeros((1500, 1500), np.float32)
+    find_peak(response)
     inside, seen = threading.Event(), threading.Event()
 
     def work() -> None:
         for _ in range(500):
             inside.set()
-            misfit(flow, motion, square)
+            find_peak(response)
             inside.clear()
             if seen.is_set():
                 return

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from hs_tracker_cv import patches, propagation
 from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
-from hs_tracker_cv.propagation import PropagationParams, PropagationState
+from hs_tracker_cv.patches import Place
+from hs_tracker_cv.propagation import PropagationParams, PropagationState, kernels
 from hs_tracker_cv.propagation.search import _elsewhere
 from hs_tracker_cv.propagation.view import View
 
@@ -115,14 +116,12 @@ def _arrays(state: PropagationState) -> list[NDArray[np.float32]]:
     found = [
         state.kept,
         model.previous,
-        model.mean,
-        model.deviation,
-        model.mask,
+        model.means,
+        model.keys,
         filter_.numerator,
         filter_.energy,
-        *model.keys,
     ]
-    return [*found, *(array for array in (model.histograms, model.likelihood) if array is not None)]
+    return found if model.histograms is None else [*found, model.histograms]
 
 
 def test_step_leaves_the_old_state_alone() -> None:
@@ -234,7 +233,8 @@ def test_a_look_alike_far_off_does_not_draw_the_box_away() -> None:
 def test_search_after_a_loss_covers_the_frame() -> None:
     """In one round of places every pixel of the frame is less than a box from one, also at the borders."""
     states = _track(lambda t: _moving(0) if t < 5 else None, 12)
-    state, view = states[-1], View(_frame(None), states[-1].geometry, states[-1].pose)
+    state = states[-1]
+    view = View(_frame(None), state.geometry, state.pose, state.model.templates)
     assert state.report.lost
     places = [at for turn in range(1, 8) for at in _elsewhere(state.pose, state.geometry, view, turn)]
     y, x = np.mgrid[:180:4, :240:4]
@@ -263,58 +263,186 @@ def test_box_leaving_the_frame_is_not_followed_outside() -> None:
     assert not last.ok
 
 
+def _ramp(height: int, width: int) -> NDArray[np.float32]:
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    return np.asarray(20.0 + 1.3 * x + 0.6 * y, np.float32)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6])
 @pytest.mark.parametrize("step", [0.6, 1.0, 2.3, 5.0])
-def test_sample_of_a_ramp_is_exact(step: float) -> None:
-    """On a plane every mean of bilinear reads equals the plane at the sample's centre."""
-    y, x = np.mgrid[:120, :140].astype(np.float32)
-    window = np.stack([2 * x + y, 50 - y], axis=2).astype(np.float32)
-    out = np.empty((10, 12, 2), np.float32)
-    patches.sample(window, 70.3, 60.8, step, step, out)
-    px = 70.3 + (np.arange(12) - 5.5) * step
-    py = 60.8 + (np.arange(10) - 4.5) * step
-    expected = np.stack([2 * px[None, :] + py[:, None], 50 - py[:, None] + 0 * px[None, :]], axis=2)
-    np.testing.assert_allclose(out, expected, atol=1e-3)
+def test_fine_patch_of_a_ramp_is_exact(step: float, angle: float) -> None:
+    """On a plane means and smoothing change nothing, so a patch is the plane at the places of its samples, scaled."""
+    gray, inner = _ramp(130, 150), np.zeros((10, 12), np.float32)
+    inner[2:-2, 2:-2] = 1 / 48
+    at = Place(70.3, 60.8, step, step, angle)
+    patch, scores = patches.fine(gray, at, inner, np.empty((0, 10, 12), np.float32))
+    right, down = (np.arange(12) - 5.5) * step, ((np.arange(10) - 4.5) * step)[:, None]
+    px = 70.3 + np.cos(angle) * right - np.sin(angle) * down
+    py = 60.8 + np.sin(angle) * right + np.cos(angle) * down
+    expected = 20.0 + 1.3 * px + 0.6 * py
+    expected -= (inner * expected).sum()
+    expected *= 32.0 / (np.sqrt((inner * expected**2).sum()) + 4.0)
+    if angle == 0.0:  # straight patches are smoothed
+        np.testing.assert_allclose(patch[1:-1, 1:-1], expected[1:-1, 1:-1], atol=2e-3)
+        # The neighbours of a sample at the end are mirrored there.
+        share = np.exp(-1 / 0.98) / (1 + 2 * np.exp(-1 / 0.98))
+        corner = expected[0, 0] + 2 * share * (expected[0, 1] + expected[1, 0] - 2 * expected[0, 0])
+        assert patch[0, 0] == pytest.approx(corner, abs=2e-3)
+    assert scores.size == 0
+
+
+def test_scores_are_weighted_correlations() -> None:
+    """A patch agrees with itself by 1, with its negative by −1, and with another patch as NumPy has it."""
+    inner = np.full((24, 28), 1 / (24 * 28), np.float32)
+    inner[:, 14:] *= 0.5
+    inner /= inner.sum()
+    at, none = Place(60.0, 60.0, 1.5, 1.5, 0.0), np.empty((0, 24, 28), np.float32)
+    gray, other = (np.ascontiguousarray(_texture(seed, 120, 120, False)[:, :, 0]) for seed in (4, 5))
+    patch, that = patches.fine(gray, at, inner, none)[0], patches.fine(other, at, inner, none)[0]
+    _, scores = patches.fine(gray, at, inner, np.stack((patch, -patch, that)))
+    expected = (inner * patch * that).sum() / np.sqrt((inner * patch**2).sum() * (inner * that**2).sum())
+    np.testing.assert_allclose(scores, [1.0, -1.0, expected], atol=1e-4)
+    brighter = np.asarray(0.5 * gray + 40.0, np.float32)
+    assert patches.fine(brighter, at, inner, patch[None])[1][0] == pytest.approx(1.0, abs=1e-4)
+
+
+def _follow(
+    flow: NDArray[np.float64],
+    separation: float = -1.0,
+    turning: float = 0.0,
+    object_: NDArray[np.bool_] | None = None,
+) -> tuple[list[float], NDArray[np.float32]]:
+    """Fit to a flow from a texture to the same texture moved by it, which it explains everywhere."""
+    height, width = flow.shape[:2]
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    b = np.ascontiguousarray(_texture(6, height, width, False)[:, :, 0])
+    field = flow.astype(np.float32)
+    a = cv2.remap(b, x + field[:, :, 0], y + field[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    prior = np.ones((height, width), np.float32) if object_ is None else object_.astype(np.float32)
+    planes = np.empty((5, height, width), np.float32)
+    inner = np.full((height, width), 1 / (height * width), np.float32)
+    nowhere = np.empty((0, 0), np.float32)
+    found = kernels.follow(a, b, field, prior, nowhere, 0.0, 0.0, 0.5, inner, 1 - prior, turning, separation, planes)
+    return list(found), planes
 
 
 def test_fit_ignores_outliers() -> None:
     """Translation and scale come back exactly enough although a sixth of the field moves otherwise."""
-    y, x = np.mgrid[:48, :52].astype(np.float32)
-    x, y = x - 25.5, y - 23.5
-    flow = np.stack([1.5 + 0.03 * x, -0.7 + 0.03 * y], axis=2).astype(np.float32)
+    y, x = np.mgrid[:48, :52] - np.asarray([23.5, 25.5])[:, None, None]
+    flow = np.stack([1.5 + 0.03 * x, -0.7 + 0.03 * y], axis=2)
     flow[:8] = (5.0, 4.0)
-    motion = np.empty(7)
-    patches.fit_motion(flow, np.ones((48, 52), np.float32), 0.0, motion)
-    np.testing.assert_allclose(motion[[0, 1, 4]], [1.5, -0.7, 0.03], atol=0.02)
-    assert motion[6] == 0.0
-    square = np.empty((48, 52), np.float32)
-    patches.misfit(flow, motion, square)
-    assert square[20:].max() < 0.01
-    assert square[:8].min() > 4.0
+    (tx, ty, scale, turn, colour, apart), _ = _follow(flow)
+    np.testing.assert_allclose([tx, ty, scale], [1.5, -0.7, 0.03], atol=0.02)
+    assert turn == 0.0
+    assert colour == 1.0
+    assert not apart
 
 
 def test_fit_finds_a_rotation_when_asked() -> None:
-    """A field that shifts, grows and turns gives back all three, and is explained by them everywhere."""
-    y, x = np.mgrid[:48, :52].astype(np.float32)
-    x, y = x - 25.5, y - 23.5
-    flow = np.stack([0.8 + 0.02 * x - 0.05 * y, -0.4 + 0.02 * y + 0.05 * x], axis=2).astype(np.float32)
-    motion = np.empty(7)
-    patches.fit_motion(flow, np.ones((48, 52), np.float32), 1.0, motion)
-    np.testing.assert_allclose(motion[[0, 1, 4, 6]], [0.8, -0.4, 0.02, 0.05], atol=1e-3)
-    square = np.empty((48, 52), np.float32)
-    patches.misfit(flow, motion, square)
-    assert square.max() < 1e-4
+    """A field that shifts, grows and turns gives back all three."""
+    y, x = np.mgrid[:48, :52] - np.asarray([23.5, 25.5])[:, None, None]
+    flow = np.stack([0.8 + 0.02 * x - 0.05 * y, -0.4 + 0.02 * y + 0.05 * x], axis=2)
+    (tx, ty, scale, turn, *_), _ = _follow(flow, turning=1.0)
+    np.testing.assert_allclose([tx, ty, scale, turn], [0.8, -0.4, 0.02, 0.05], atol=2e-3)
 
 
-@pytest.mark.parametrize("step", [1.0, 2.6])
-def test_turned_sample_of_a_ramp_is_exact(step: float) -> None:
-    """On a plane a turned patch equals the plane at the turned places."""
-    y, x = np.mgrid[:120, :140].astype(np.float32)
-    window = np.stack([2 * x + y, 50 - y], axis=2).astype(np.float32)
-    out = np.empty((10, 12, 2), np.float32)
-    patches.sample_turned(window, 70.3, 60.8, step, step, 0.6, out)
-    dx, dy = (np.arange(12) - 5.5) * step, ((np.arange(10) - 4.5) * step)[:, None]
-    px, py = 70.3 + np.cos(0.6) * dx - np.sin(0.6) * dy, 60.8 + np.sin(0.6) * dx + np.cos(0.6) * dy
-    np.testing.assert_allclose(out, np.stack([2 * px + py, 50 - py], axis=2), atol=1e-3)
+def test_object_and_surroundings_are_told_apart() -> None:
+    """Pixels that move with the surroundings are found in the box too, and have no part in the object's motion."""
+    flow = np.full((48, 52, 2), (-0.5, 0.2))
+    flow[12:36, 12:32] = (1.5, -0.8)
+    box = np.zeros((48, 52), np.bool_)
+    box[10:38, 10:42] = True
+    (tx, ty, *_, apart), planes = _follow(flow, separation=0.3, object_=box)
+    assert apart
+    np.testing.assert_allclose([tx, ty], [1.5, -0.8], atol=0.02)
+    assert planes[1, 14:34, 14:30].min() > 0.95
+    assert planes[1, 14:34, 34:40].max() < 0.05
+    (tx, ty, *_, apart), planes = _follow(np.full((48, 52, 2), (1.5, -0.8)), separation=0.3, object_=box)
+    assert not apart
+    np.testing.assert_allclose([tx, ty], [1.5, -0.8], atol=0.02)
+    np.testing.assert_array_equal(planes[1], 1.0)
+
+
+def test_colours_are_read_from_the_coarse_window() -> None:
+    """The likelihood weighs where it lies, and its mean is that under the inner weights."""
+    likelihood = np.zeros((30, 40), np.float32)
+    likelihood[:, :] = np.arange(40) / 40
+    a, still = np.ascontiguousarray(_texture(6, 24, 28, False)[:, :, 0]), np.zeros((24, 28, 2), np.float32)
+    prior, planes = np.full((24, 28), 2.0, np.float32), np.empty((5, 24, 28), np.float32)
+    inner = np.zeros((24, 28), np.float32)
+    inner[5, 20] = 1.0
+    colour = kernels.follow(a, a, still, prior, likelihood, 18.25, 12.0, 0.5, inner, prior, 0.0, -1.0, planes)[4]
+    at = (18.25 + (np.arange(28) - 13.5) * 0.5) / 40
+    np.testing.assert_allclose(planes[2], np.broadcast_to(2.0 * (0.1 + at), (24, 28)), atol=1e-5)
+    assert colour == pytest.approx(at[20])
+
+
+def _keep(change: float, rate: float, mean: float, belongs: float = 1.0) -> NDArray[np.float32]:
+    """What is kept of 0.8 after a shift by (2, -1) of half-size pixels, of a patch that changes by `change`."""
+    height, width = 40, 48
+    previous = np.ascontiguousarray(_texture(6, height, width, False)[:, :, 0])
+    patch = np.asarray(np.roll(previous, (-2, 4), (0, 1)) + change, np.float32)
+    flow = np.full((height, width, 2), (4.0, -2.0), np.float32)
+    planes = np.full((5, height, width), 1e6, np.float32)
+    planes[1] = belongs
+    means = np.zeros((4, height, width), np.float32)
+    means[0] = patch + mean
+    kept, body, room = np.full((20, 24), 0.8, np.float32), np.ones((20, 24), np.float32), np.zeros((6, 20, 24))
+    out, new = np.empty((20, 24), np.float32), np.empty_like(means)
+    kernels.keep(
+        kept, planes, flow, 0.0, 0.0, 1.0, 0.0, previous, patch, 16.0, 40.0, rate, body, means, 0.0, 0.0, patch, 0.15,
+        room.astype(np.float32), out, new,
+    )  # fmt: skip
+    np.testing.assert_array_equal(new[:3], means[:3])
+    return out[3:-3, 3:-3]
+
+
+@pytest.mark.parametrize(
+    ("change", "rate", "mean", "belongs", "expected"),
+    [
+        (0.0, 0.0, 0.0, 1.0, 0.8),  # the same surface: all of it
+        (28.0, 0.0, 0.0, 1.0, 0.4),  # half-way from the same to another
+        (50.0, 0.0, 0.0, 1.0, 0.0),  # another one
+        (0.0, 0.0, 0.0, 0.25, 0.4),  # half of it moves with the surroundings
+        (50.0, 0.5, 0.0, 1.0, 0.5),  # another one than before, but as it was learned
+        (0.0, 0.5, 10.0, 1.0, 0.8 + 0.1 * np.exp(-1.0)),  # less so: ten gray levels off
+        (0.0, 0.5, 1e4, 1.0, 0.8),  # nothing like it
+    ],
+)
+def test_what_is_kept(change: float, rate: float, mean: float, belongs: float, expected: float) -> None:
+    """What is kept moves with the flow, and is lowered by change and by what moves with the surroundings."""
+    np.testing.assert_allclose(_keep(change, rate, mean, belongs), expected, atol=1e-5)
+
+
+def test_running_means() -> None:
+    """Mean, deviation and mask move towards the frame by their rates; the prior weight follows from them."""
+    old, new = np.empty((4, 4, 6), np.float32), np.empty((4, 4, 6), np.float32)
+    old[:3] = np.asarray([10.0, 4.0, 0.5])[:, None, None]
+    planes = np.zeros((5, 4, 6), np.float32)
+    planes[0], planes[1] = 0.2, 1.0  # half of the mask's rate
+    patch, weights, half = np.zeros((4, 6), np.float32), np.full((4, 6), 0.5, np.float32), np.ones((2, 3), np.float32)
+    flow, room = np.zeros((4, 6, 2), np.float32), np.zeros((6, 2, 3), np.float32)
+    kernels.keep(
+        half, planes, flow, 0.0, 0.0, 1.0, 0.0, patch, patch, 16.0, 40.0, 0.0, half, old, 0.1, 0.4, weights, 0.15,
+        room, half.copy(), new,
+    )  # fmt: skip
+    expected = [9.0, 4.6, 0.6, 0.5 * 0.75 / (1.0 + 0.46**2)]
+    np.testing.assert_allclose(new, np.broadcast_to(np.asarray(expected)[:, None, None], new.shape), rtol=1e-5)
+
+
+@pytest.mark.parametrize("taps", [[1.0], [0.25, 0.5, 0.25]], ids=["plain", "smoothed"])
+def test_histograms_of_inside_and_outside(taps: list[float]) -> None:
+    """Shares of the counts, smoothed and mirrored at the ends, are mixed in."""
+    bins = np.asarray([[0, 0, 3], [5, 3, 5]], np.int32)
+    inside = np.asarray([[1, 1, 1], [0, 0, 0]], np.uint8)
+    old, new = np.full((2, 6), 1 / 6, np.float32), np.empty((2, 6), np.float32)
+    kernels.recolour(bins, inside, np.asarray(taps, np.float32), 0.5, old, np.zeros((2, 6), np.float32), new)
+    counts = np.asarray([[2, 0, 0, 1, 0, 0], [0, 0, 0, 1, 0, 2]], float)
+    if len(taps) == 3:
+        wide = np.pad(counts, ((0, 0), (1, 1)), mode="reflect")
+        counts = 0.25 * wide[:, :-2] + 0.5 * wide[:, 1:-1] + 0.25 * wide[:, 2:]
+    expected = 0.5 / 6 + 0.5 * counts / counts.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(new, expected, atol=1e-6)
 
 
 def test_rotation_is_followed_when_asked() -> None:

@@ -7,35 +7,64 @@ replaced by what comes from outside. The map has half the resolution of the fine
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import patches
-from .state import Geometry, Pose, PropagationParams, PropagationState, halved
-from .view import View
+from .. import anchor
+from .kernels import keep
+from .state import Geometry, Pose, PropagationParams, PropagationState
+from .view import Patch
 
-__all__ = ["Carried", "body_weights", "carried_along", "coherence_with", "kept_share", "refreshed"]
+__all__ = [
+    "MASK_FLOOR",
+    "Carried",
+    "Followed",
+    "body_weights",
+    "carried_along",
+    "coherence_with",
+    "kept_share",
+    "refreshed",
+]
 
 F32 = NDArray[np.float32]
 
-_UNKNOWN: F32 = np.empty((0, 0), np.float32)
+MASK_FLOOR = 0.15
+"""Weight in the fit of the flow of a pixel that never moved with the object."""
 
 
-@dataclass(frozen=True)
-class Carried:
-    """Answer of the flow between frames: pose, what is seen there, and how well it agrees with the mean patch."""
+class Followed(NamedTuple):
+    """Flow from a patch to another one, and what was fitted to it.
+
+    Parameters
+    ----------
+    flow : ndarray, shape (h, w, 2), float32
+        Samples.
+    planes : ndarray, shape (5, h, w), float32
+        Weight of each pixel, share of "moves with the object" and prior weight: see :func:`.kernels.follow`.
+    motion : tuple of float
+        Translation (samples), growth and rotation (radians).
+    colour : float
+        Mean likelihood of the object's colours in the box; 1 where they do not tell.
+    apart : bool
+        The motions of object and surroundings could be told apart.
+    """
+
+    flow: F32
+    planes: F32
+    motion: tuple[float, float, float, float]
+    colour: float
+    apart: bool
+
+
+class Carried(NamedTuple):
+    """Answer of the flow between frames: pose, and what is seen there; `start` was seen where the flow ends."""
 
     pose: Pose
-    current: F32
-    agreement: float
-    prior: F32
-    flow: F32
-    weight: F32
-    belongs: F32 | None
-    seen_at_start: F32
-    colour: float  # mean likelihood of the object's colours in the box; 1 where there are none
+    patch: Patch
+    followed: Followed
+    start: Patch
 
 
 def body_weights(state: PropagationState) -> F32:
@@ -45,52 +74,54 @@ def body_weights(state: PropagationState) -> F32:
 
 def coherence_with(state: PropagationState, patch: F32) -> float:
     """How well a patch continues the last one."""
-    return float(patches.correlation(patch, state.model.previous, state.geometry.inner * body_weights(state)))
+    return anchor.correlation(patch, state.model.previous, state.geometry.inner * body_weights(state))
 
 
 def refreshed(
-    state: PropagationState, view: View, carried: Carried, coarse: Pose, pose: Pose, p: PropagationParams
-) -> F32:
-    """What is kept at a pose that is believed: more, where it looks as it was learned."""
-    g, model = state.geometry, state.model
-    now = halved(view.fine(pose))
-    kept = carried_along(state, carried, coarse, pose, now, p)
-    error = (now - halved(model.mean)) / (np.float32(10.0) + halved(model.deviation))
-    return np.asarray(kept + np.float32(p.keep_rate) * np.exp(-error * error) * (g.body - kept), np.float32)
+    state: PropagationState, followed: Followed, coarse: Pose, pose: Pose, patch: F32, p: PropagationParams
+) -> tuple[F32, F32]:
+    """What is kept at a pose that is believed, more where it looks as it was learned, and the means learned there."""
+    mask_rate = p.mask_rate if followed.apart else 0.0
+    return _kept(state, followed, coarse, pose, patch, p, (p.keep_rate, p.patch_rate, mask_rate))
 
 
 def carried_along(
-    state: PropagationState, carried: Carried, coarse: Pose, pose: Pose, now: F32, p: PropagationParams
+    state: PropagationState, followed: Followed, coarse: Pose, pose: Pose, patch: F32, p: PropagationParams
 ) -> F32:
-    """Move what is kept with the flow; drop what changed on the way and what moves with the surroundings.
+    """What is kept at a pose of what was kept before, and no more.
 
     Parameters
     ----------
-    carried : Carried
+    followed : Followed
         Its flow ends in the patch at `coarse`.
     pose : Pose
         Where the result is wanted.
-    now : ndarray, shape (h / 2, w / 2), float32
-        Patch at `pose`, halved, as the result is.
+    patch : ndarray, shape (h, w), float32
+        Patch there.
     """
-    g, kept = state.geometry, state.kept
-    rows, columns = kept.shape
+    return _kept(state, followed, coarse, pose, patch, p, (0.0, 0.0, 0.0))[0]
+
+
+def _kept(
+    state: PropagationState,
+    followed: Followed,
+    coarse: Pose,
+    pose: Pose,
+    patch: F32,
+    p: PropagationParams,
+    rates: tuple[float, float, float],
+) -> tuple[F32, F32]:
+    g, model = state.geometry, state.model
     unit, zoom, turn = 2.0 * g.fine_step * coarse.sx, pose.sx / coarse.sx, pose.angle - coarse.angle
     right, down = coarse.offset(pose)
-    place = np.array(
-        (
-            right / unit + 0.5 * (columns - 1),
-            down / unit + 0.5 * (rows - 1),
-            zoom * math.cos(turn),
-            zoom * math.sin(turn),
-            p.same,
-            p.changed,
-        )
-    )
-    belongs = _UNKNOWN if carried.belongs is None else carried.belongs
-    held, out = np.empty((2, rows, columns), np.float32), np.empty((rows, columns), np.float32)
-    patches.carry(kept, carried.flow, state.model.previous, now, carried.weight, belongs, place, held, out)
-    return out
+    rate, mean_rate, mask_rate = rates
+    kept, means = np.empty_like(state.kept), np.empty_like(model.means)
+    keep(
+        state.kept, followed.planes, followed.flow, right / unit, down / unit, zoom * math.cos(turn),
+        zoom * math.sin(turn), model.previous, patch, p.same, p.changed, rate, g.body, model.means, mean_rate,
+        mask_rate, g.weights, MASK_FLOOR, np.zeros((6, *kept.shape), np.float32), kept, means,
+    )  # fmt: skip
+    return kept, means
 
 
 def kept_share(kept: F32, g: Geometry) -> float:

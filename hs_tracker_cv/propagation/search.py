@@ -3,46 +3,47 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import anchor, patches
+from .. import anchor
 from .state import Geometry, Pose, PropagationParams, PropagationState
-from .view import View, foreground
+from .view import View
 
-__all__ = ["Found", "find", "finer", "look"]
+__all__ = ["Found", "find", "look", "place"]
 
 F32 = NDArray[np.float32]
 
 _LOOKS, _PLACES, _APART = 8, 200, 1.2
 
 
-@dataclass(frozen=True)
-class Found:
-    """Answer of the correlation filter: `value` is its height less the distance penalty."""
+class Found(NamedTuple):
+    """Answer of the correlation filter: `value` is its height less the distance penalty.
+
+    `likelihood` is that of the object's colours in the window at the pose `window`, empty where they do not tell.
+    """
 
     value: float
     pose: Pose
     height: float
     response: F32
     window: Pose
-    likelihood: F32 | None
+    likelihood: F32
 
 
 def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty: float) -> Found:
     """Best place in the window at a pose."""
-    g = state.geometry
-    likelihood = None
-    if state.model.likelihood is not None:
-        likelihood, _ = foreground(view.coarse(at), state.model.likelihood)
-    response = anchor.respond(state.model.located, anchor.features(view.context(at), likelihood, g.window))
-    aside, below = (at.cx - expected.cx) / (g.w * expected.sx), (at.cy - expected.cy) / (g.h * expected.sy)
-    dx, dy, value, height = patches.peak(response, g.across, g.down, aside, below, penalty, np.empty_like(response))
+    g, model = state.geometry, state.model
+    sight = view.sight(at, model.histograms)
+    response = anchor.respond(model.located, sight.channels)
+    right, down = (at.cx - expected.cx) / (g.w * expected.sx), (at.cy - expected.cy) / (g.h * expected.sy)
+    fade = anchor.Fade(penalty, right, down, g.coarse_step / g.w, g.coarse_step / g.h)
+    dx, dy, value, height = anchor.find_peak(response, fade)
     pose = at.shifted(dx * g.coarse_step * at.sx, dy * g.coarse_step * at.sy)
-    return Found(value, pose, height, response, at, likelihood)
+    return Found(value, pose, height, response, at, sight.likelihood)
 
 
 def find(state: PropagationState, view: View, expected: Pose, p: PropagationParams) -> Found:
@@ -63,18 +64,12 @@ def find(state: PropagationState, view: View, expected: Pose, p: PropagationPara
     return best
 
 
-def finer(found: Found, g: Geometry) -> F32 | None:
-    """Colour likelihood on the lattice of the fine patch at the pose found, read from the coarse window."""
-    if found.likelihood is None:
-        return None
-    rows, columns = found.likelihood.shape
+def place(found: Found, g: Geometry) -> tuple[float, float]:
+    """Where the pose found has its centre on the lattice of the coarse window."""
+    rows, columns = g.window.shape
     right, down = found.window.offset(found.pose)
     x = right / (g.coarse_step * found.window.sx) + 0.5 * (columns - 1)
-    y = down / (g.coarse_step * found.window.sy) + 0.5 * (rows - 1)
-    out = np.empty((*g.weights.shape, 1), np.float32)
-    ratio = g.fine_step / g.coarse_step
-    patches.sample(found.likelihood[:, :, None], x, y, ratio, ratio, out)
-    return out[:, :, 0]
+    return x, down / (g.coarse_step * found.window.sy) + 0.5 * (rows - 1)
 
 
 def _elsewhere(pose: Pose, g: Geometry, view: View, lost: int) -> list[Pose]:
@@ -98,8 +93,7 @@ def _elsewhere(pose: Pose, g: Geometry, view: View, lost: int) -> list[Pose]:
     steps = [places[i % len(places)] for i in range(first, first + min(_LOOKS, len(places)))]
     # The outermost places are on the border, where what has left comes back.
     return [
-        replace(
-            pose,
+        pose._replace(
             cx=min(max(pose.cx + across * width, 0.0), frame_width - 1.0),
             cy=min(max(pose.cy + down * height, 0.0), frame_height - 1.0),
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -151,8 +152,7 @@ class PropagationParams:
     reset_level: float = 0.6
 
 
-@dataclass(frozen=True)
-class Pose:
+class Pose(NamedTuple):
     """Where the box is: centre in pixel-index coordinates, size relative to the first box, turn in radians."""
 
     cx: float
@@ -185,8 +185,7 @@ class Pose:
         return cosine * dx + sine * dy, cosine * dy - sine * dx
 
 
-@dataclass(frozen=True)
-class Geometry:
+class Geometry(NamedTuple):
     """What depends on the first box only: sampling steps, patch sizes and weights."""
 
     w: float
@@ -199,13 +198,10 @@ class Geometry:
     body: F32
     body_weights: F32
     window: F32
-    inside: NDArray[np.bool_]
-    across: F32
-    down: F32
+    inside: NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
-class PropagationReport:
+class PropagationReport(NamedTuple):
     """What one frame said.
 
     Parameters
@@ -261,23 +257,39 @@ class PropagationReport:
     verdict: str
 
 
-@dataclass(frozen=True)
-class Model:
-    """What was learned about the object: patches, keyframes, colours, correlation filter."""
+class Model(NamedTuple):
+    """What was learned about the object: patches, keyframes, colours, correlation filter.
+
+    Parameters
+    ----------
+    previous : ndarray, shape (h, w), float32
+        Last fine patch.
+    means : ndarray, shape (4, h, w), float32
+        Mean patch; mean absolute deviation from it; share of frames in which a pixel moves with the object; prior
+        weight of each pixel in the fit of the flow, which follows from the last two.
+    keys : ndarray, shape (n, h, w), float32
+        Keyframes, the first frame's first.
+    key_age : int
+        Good frames since the last one was added.
+    histograms : ndarray, shape (2, bins), float32, or None
+        Shares of the bins inside and outside the box; None where colours do not tell.
+    located : CorrelationFilter
+    """
 
     previous: F32
-    mean: F32
-    deviation: F32
-    mask: F32
-    keys: tuple[F32, ...]
+    means: F32
+    keys: F32
     key_age: int
     histograms: F32 | None
-    likelihood: F32 | None
     located: anchor.CorrelationFilter
 
+    @property
+    def templates(self) -> F32:
+        """What a patch is compared with, (1 + n, h, w): the mean patch and the keyframes."""
+        return np.concatenate((self.means[:1], self.keys))
 
-@dataclass(frozen=True)
-class PropagationState:
+
+class PropagationState(NamedTuple):
     """Everything carried from frame to frame; immutable, picklable. `hint` is where a lost object was likeliest."""
 
     geometry: Geometry
@@ -310,12 +322,11 @@ def geometry_of(box: Box, p: PropagationParams) -> Geometry:
     cw, ch = (cv2.getOptimalDFTSize(round(n / coarse_step / 2 + p.coarse_margin)) * 2 for n in (box.w, box.h))
     y, x = np.mgrid[:ch, :cw].astype(np.float32)
     x, y = x * (coarse_step / box.w), y * (coarse_step / box.h)
-    across, down = x - x[0, cw // 2], y - y[ch // 2, 0]
     inside = (np.abs(x - x[0, -1] / 2) < 0.45) & (np.abs(y - y[-1, 0] / 2) < 0.45)
     return Geometry(
         box.w, box.h, fine_step, coarse_step, inner.astype(np.float32), weights.astype(np.float32),
         outside.astype(np.float32), halved((square < 1.2).astype(np.float32)),
-        np.float32(4.0) * halved(inner.astype(np.float32)), anchor.hann(ch, cw), inside, across, down,
+        np.float32(4.0) * halved(inner.astype(np.float32)), anchor.hann(ch, cw), inside.astype(np.uint8),
     )  # fmt: skip
 
 

@@ -1,49 +1,74 @@
-"""A frame as the propagation mode reads it: patches at a pose, and how much in them has the object's colours."""
+"""A frame as the propagation mode reads it: patches at a pose, and how well they agree with what was learned."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import patches
 from ..frames import Frame, crop, to_gray
+from ..patches import Place, Sight
 from .state import Geometry, Pose
 
-__all__ = ["COLOURS", "GRAYS", "View", "foreground", "histograms_of", "likelihood_of"]
+__all__ = ["Patch", "View"]
 
 F32 = NDArray[np.float32]
 
-GRAYS, COLOURS = 64, 4096
+
+class Patch(NamedTuple):
+    """A fine patch.
+
+    Parameters
+    ----------
+    gray : ndarray, shape (h, w), float32
+        Normalised: zero mean under the inner weights, deviation about 32.
+    agreement : float
+        Correlation with the mean patch, −1 to 1.
+    keys : list of float
+        Correlation with each keyframe.
+    """
+
+    gray: F32
+    agreement: float
+    keys: list[float]
 
 
 class View:
     """The part of a frame round the object, cut once and sampled often."""
 
-    def __init__(self, frame: Frame, geometry: Geometry, pose: Pose) -> None:
+    def __init__(self, frame: Frame, geometry: Geometry, pose: Pose, templates: F32) -> None:
         fine = geometry.fine_step * min(pose.sx, pose.sy)
         # Thinning the pixels keeps the cost of a large object that of a small one: two reads a sample remain.
         self._thin = max(1, int(fine / 2.0))
         self._frame = Frame(frame.pixels[:: self._thin, :: self._thin], frame.gain)
         self._geometry = geometry
-        self._seen: dict[Pose, F32] = {}
+        self._templates = templates
+        self._seen: dict[Pose, Patch] = {}
         self._left = self._top = self._right = self._bottom = 0
         self._colour: F32 = np.empty((0, 0, 1), np.float32)
-        self._gray = self._colour
+        self._gray: F32 = np.empty((0, 0), np.float32)
         rows, columns = geometry.window.shape
         self._cut(pose, geometry.coarse_step, rows, columns)
 
-    def fine(self, pose: Pose) -> F32:
-        """Normalised gray patch at a pose: zero mean under the inner weights, deviation about 32."""
-        if pose in self._seen:
-            return self._seen[pose]
-        g = self._geometry
-        gray, patch = self._sample(pose, g.fine_step, *g.weights.shape, gray=True), np.empty_like(g.weights)
-        patches.normalise(gray[:, :, 0], g.inner, patch)
-        self._seen[pose] = patch
-        return patch
+    def fine(self, pose: Pose) -> Patch:
+        """Fine patch at a pose."""
+        found = self._seen.get(pose)
+        if found is None:
+            g = self._geometry
+            at = self._place(pose, g.fine_step, *g.weights.shape)
+            gray, scores = patches.fine(self._gray, at, g.inner, self._templates)
+            agreement, *keys = scores.tolist()
+            found = self._seen[pose] = Patch(gray, agreement, keys)
+        return found
+
+    def sight(self, pose: Pose, histograms: F32 | None) -> Sight:
+        """Window of the correlation filter at a pose, and the object's colours in it."""
+        window = self._geometry.window
+        at = self._place(pose, self._geometry.coarse_step, *window.shape)
+        return patches.sight(self._colour, self._gray, at, histograms, window)
 
     @property
     def size(self) -> tuple[float, float]:
@@ -54,27 +79,12 @@ class View:
         """Whether the pose's centre lies in the frame."""
         return 0 <= pose.cx / self._thin < self._frame.width and 0 <= pose.cy / self._thin < self._frame.height
 
-    def coarse(self, pose: Pose) -> F32:
-        """Raw window (h, w, C) of the correlation filter at a pose."""
-        return self._sample(pose, self._geometry.coarse_step, *self._geometry.window.shape, gray=False)
-
-    def context(self, pose: Pose) -> F32:
-        """Gray of the same window, twice as fine."""
-        rows, columns = self._geometry.window.shape
-        unit = 0.5 * self._geometry.coarse_step
-        return np.ascontiguousarray(self._sample(pose, unit, 2 * rows, 2 * columns, gray=True)[:, :, 0])
-
-    def _sample(self, pose: Pose, unit: float, rows: int, columns: int, *, gray: bool) -> F32:
+    def _place(self, pose: Pose, unit: float, rows: int, columns: int) -> Place:
+        """Where a patch is in the part cut, which is made to hold it."""
         self._cut(pose, unit, rows, columns)
-        source = self._gray if gray else self._colour
-        out = np.empty((rows, columns, source.shape[2]), np.float32)
         t = self._thin
-        place = source, pose.cx / t - self._left, pose.cy / t - self._top, unit * pose.sx / t, unit * pose.sy / t
-        if pose.angle == 0.0:
-            patches.sample(*place, out)
-        else:
-            patches.sample_turned(*place, pose.angle, out)
-        return out
+        x, y = pose.cx / t - self._left, pose.cy / t - self._top
+        return Place(x, y, unit * pose.sx / t, unit * pose.sy / t, pose.angle)
 
     def _cut(self, pose: Pose, unit: float, rows: int, columns: int) -> None:
         t = self._thin
@@ -90,25 +100,4 @@ class View:
         left, right, top, bottom = int(x - half_x), int(x + half_x) + 1, int(y - half_y), int(y + half_y) + 1
         self._left, self._top, self._right, self._bottom = left, top, right, bottom
         self._colour = crop(self._frame, left, top, right - left, bottom - top)
-        self._gray = to_gray(self._colour)[:, :, None]
-
-
-def histograms_of(bins: NDArray[np.int32], count: int, inside: NDArray[np.bool_]) -> F32:
-    """Shares of `count` bins inside and outside in a coarse window, (2, bins)."""
-    both = np.stack([np.bincount(bins[m], minlength=count) for m in (inside, ~inside)]).astype(np.float32)
-    if count == GRAYS:
-        both = np.asarray(cv2.GaussianBlur(both, (7, 1), 1.5), np.float32)
-    return np.asarray(both / np.maximum(both.sum(axis=1, keepdims=True), 1.0), np.float32)
-
-
-def likelihood_of(histograms: F32) -> F32:
-    """Share of the object in each bin of colour, (bins,), 0–1."""
-    share: F32 = (histograms[0] + np.float32(1e-4)) / (histograms[0] + histograms[1] + np.float32(2e-4))
-    return share
-
-
-def foreground(window: F32, likelihood: F32) -> tuple[F32, NDArray[np.int32]]:
-    """Likelihood of the object's colours in each sample of a coarse window, and the samples' bins; both (h, w)."""
-    seen, bins = np.empty(window.shape[:2], np.float32), np.empty(window.shape[:2], np.int32)
-    patches.foreground(window, likelihood, bins, seen)
-    return seen, bins
+        self._gray = to_gray(self._colour)
