@@ -507,6 +507,18 @@ def test_tiny_frames_are_tracked_without_a_fault(size: tuple[int, int]) -> None:
         assert ok or box == NOWHERE
 
 
+@pytest.mark.parametrize("size", [(4, 40000), (40000, 4)])
+def test_a_box_as_thin_as_a_line_is_carried_without_a_fault(size: tuple[int, int]) -> None:
+    """No sample lies within such a box, ten thousand times as long as it is wide; it is answered all the same."""
+    rng = np.random.default_rng(2)
+    tracker = TrackerHS_create(TrackerHS_Params(mode="propagation"))
+    tracker.init(rng.integers(0, 256, size, dtype=np.uint8), (0, 0, *size[::-1]))
+    for _ in range(3):
+        ok, box = tracker.update(rng.integers(0, 256, size, dtype=np.uint8))
+        assert ok or box == NOWHERE
+    assert 0 <= tracker.getTrackingScore() <= 1
+
+
 @pytest.mark.parametrize(("size", "roi"), [((1, 60), (0, 0, 60, 1)), ((60, 1), (0, 0, 1, 60)), ((3, 60), ROI)])
 def test_frames_thinner_than_any_roi_are_refused_in_words(size: tuple[int, int], roi: tuple[int, ...]) -> None:
     """A line of pixels is a frame, but no ROI fits in: the error speaks of the ROI, and nothing is started."""

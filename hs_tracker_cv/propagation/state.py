@@ -310,7 +310,8 @@ def geometry_of(box: Box, p: PropagationParams) -> Geometry:
     """Sampling steps, sizes and weights of the patches for a first box, frame px."""
     side = math.sqrt(box.w * box.h)
     fine_step, coarse_step = side / p.fine_size, side / p.coarse_size
-    nw, nh = box.w / fine_step, box.h / fine_step
+    # A box as thin as a line is taken to be two samples wide: otherwise none would lie in its middle.
+    nw, nh = max(box.w / fine_step, 2.0), max(box.h / fine_step, 2.0)
     fw, fh = (2 * round((n + 2 * p.fine_margin) / 2) for n in (nw, nh))
     y, x = np.mgrid[:fh, :fw].astype(np.float32)
     x, y = (x - (fw - 1) / 2) / (nw / 2), (y - (fh - 1) / 2) / (nh / 2)
