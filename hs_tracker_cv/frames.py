@@ -193,6 +193,14 @@ def crop(frame: Frame, x0: int, y0: int, width: int, height: int, *, step: int =
     ndarray, shape (height / step, width / step, C), float32, C-contiguous
         A copy. Outside the frame the border pixels are repeated; NaN and infinities become 0.
     """
+    if step > 1:
+        before, after = _alike(x0, width // step, step, frame.width)
+        above, below = _alike(y0, height // step, step, frame.height)
+        if before + after + above + below > 0:
+            size = width - (before + after) * step, height - (above + below) * step
+            inner = crop(frame, x0 + before * step, y0 + above * step, *size, step=step)
+            padded = cv2.copyMakeBorder(inner, above, below, before, after, cv2.BORDER_REPLICATE)
+            return np.asarray(padded, np.float32).reshape(height // step, width // step, -1)
     left, top = min(max(x0, 0), frame.width - 1), min(max(y0, 0), frame.height - 1)
     right, bottom = min(max(x0 + width, left + 1), frame.width), min(max(y0 + height, top + 1), frame.height)
     part = frame.pixels[top:bottom, left:right]
@@ -210,6 +218,17 @@ def crop(frame: Frame, x0: int, y0: int, width: int, height: int, *, step: int =
         size = (width // step, height // step)
         part = cv2.resize(part, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], -1)
     return np.ascontiguousarray(part, dtype=np.float32)
+
+
+def _alike(start: int, count: int, step: int, limit: int) -> tuple[int, int]:
+    """How many of the first and of the last blocks of a window are as the block next to them.
+
+    Those are wholly beyond an edge of the frame, where its border is repeated: of a large object that is as thin as a
+    line, nearly all.
+    """
+    before = min(-start // step, count) - 1
+    after = count - max((limit - start + step - 1) // step, 0) - 1
+    return max(before, 0), max(after, 0)
 
 
 def _as_float(part: NDArray[Any], gain: float) -> NDArray[np.float32]:

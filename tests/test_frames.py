@@ -146,3 +146,18 @@ def test_crop_obeys_the_gain_of_a_frame_of_bytes() -> None:
     """A gain that the caller gives holds for bytes as for any other type."""
     frame = as_frame(np.full((8, 9, 3), 40, np.uint8), gain=2.5)
     np.testing.assert_array_equal(crop(frame, 1, 2, 5, 4), np.full((4, 5, 3), 100.0, np.float32))
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("start", [(-70, -33), (-7, 5), (11, 40), (60, 2), (-200, 3), (90, -300)])
+def test_blocks_beyond_the_frame_are_those_of_the_repeated_border(start: tuple[int, int], channels: int) -> None:
+    """A window averaged in blocks is the same as if the whole border had been repeated first, wherever it lies."""
+    pixels = np.random.default_rng(5).integers(0, 256, (47, 61, channels), dtype=np.uint8)
+    step, size, room = 7, (17, 12), 400
+    x0, y0 = start
+    wide = np.pad(pixels, ((room, room), (room, room), (0, 0)), mode="edge")
+    part = wide[room + y0 : room + y0 + size[1] * step, room + x0 : room + x0 + size[0] * step]
+    wanted = cv2.resize(np.ascontiguousarray(part), size, interpolation=cv2.INTER_AREA).reshape(*size[::-1], -1)
+    cut = crop(as_frame(pixels), x0, y0, size[0] * step, size[1] * step, step=step)
+    np.testing.assert_array_equal(cut, wanted)
+    assert cut.flags.c_contiguous

@@ -507,11 +507,12 @@ def test_tiny_frames_are_tracked_without_a_fault(size: tuple[int, int]) -> None:
         assert ok or box == NOWHERE
 
 
+@pytest.mark.parametrize("mode", ["auto", "propagation"])
 @pytest.mark.parametrize("size", [(4, 40000), (40000, 4)])
-def test_a_box_as_thin_as_a_line_is_carried_without_a_fault(size: tuple[int, int]) -> None:
-    """No sample lies within such a box, ten thousand times as long as it is wide; it is answered all the same."""
+def test_a_box_as_thin_as_a_line_is_tracked_without_a_fault(size: tuple[int, int], mode: str) -> None:
+    """A box ten thousand times as long as it is wide, as the whole of its frame, is answered like any other."""
     rng = np.random.default_rng(2)
-    tracker = TrackerHS_create(TrackerHS_Params(mode="propagation"))
+    tracker = TrackerHS_create(TrackerHS_Params(mode=mode))
     tracker.init(rng.integers(0, 256, size, dtype=np.uint8), (0, 0, *size[::-1]))
     for _ in range(3):
         ok, box = tracker.update(rng.integers(0, 256, size, dtype=np.uint8))
