@@ -102,7 +102,7 @@ def soak(updates: int, *, restart: int = 500, settled: int = SETTLED) -> Soaked:
     if updates <= settled:
         raise ValueError(f"expected more than {settled} updates, got {updates}")
     (frames, boxes), process, tracker = ring(), psutil.Process(), TrackerHS_create()
-    times = np.empty(updates)
+    times = np.full(updates, np.nan)  # resident from the start: this record is not the tracker's memory
     first = highest = 0.0
     for index in range(updates):
         if index % restart == 0:
