@@ -41,6 +41,7 @@ from numba.core import (
 )
 from numba.core.analysis import compute_cfg_from_blocks
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.funcdesc import ExternalFunctionDescriptor
 from numba.core.ir_utils import build_definitions
 from numba.core.transforms import canonicalize_cfg
 from numba.core.typing.context import Context
@@ -349,12 +350,11 @@ class _Entry:
 
     def _define_native(self, fndesc: Any, name: str) -> None:
         """Define the function that other kernels call."""
-        kind, wanted = fndesc.restype, self.context.returned
-        arguments = [self.context.get_value_type(one) for one in fndesc.argtypes]
-        function = ir.Function(self.module, ir.FunctionType(self.context.get_value_type(wanted), arguments), name)
+        outside = ExternalFunctionDescriptor(name, self.context.returned, fndesc.argtypes)
+        function = self.context.declare_external_function(self.module, outside)
         builder = ir.IRBuilder(function.append_basic_block())
         _, result = self._call_compiled(builder, fndesc, list(function.args))
-        builder.ret(self.context.cast(builder, result, kind, wanted))
+        builder.ret(self.context.cast(builder, result, fndesc.restype, outside.restype))
 
     def _call(self, name: str, *arguments: Any) -> Any:
         return self.builder.call(cgutils.get_or_insert_function(self.module, _C_FUNCTIONS[name], name), arguments)
