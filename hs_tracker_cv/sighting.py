@@ -91,16 +91,18 @@ class Sighting(NamedTuple):
     share: float
 
 
-def describe(state: LayersState, known: Target | None) -> Target:
+def describe(state: LayersState, known: Target | None) -> Target | None:
     """What is known of the object after a frame in which all of it is seen.
 
-    Its colours change slowly. If they are suddenly others, it is another object, and what was `known` stays. It
-    shrinks slowly, too: an object that goes out of sight seems to shrink fast.
+    Its colours change slowly. If they are suddenly others, it is another object, and what was `known` stays; so it
+    does when the object, gone as soon as it was drawn, has left no shape. It shrinks slowly, too: an object that goes
+    out of sight seems to shrink fast.
     """
     colours, k = state.colours[0], state.step
-    if known is not None and float(np.sqrt(colours * known.colours).sum()) < _SAME:
+    area = float(np.count_nonzero(state.shape > 0.5)) * k**2
+    if area == 0.0 or (known is not None and float(np.sqrt(colours * known.colours).sum()) < _SAME):
         return known
-    extent = (state.box[2] * k, state.box[3] * k, float(np.count_nonzero(state.shape > 0.5)) * k**2)
+    extent = (state.box[2] * k, state.box[3] * k, area)
     if known is not None:
         width, height, area = (max(new, _SLOWLY * old) for new, old in zip(extent, known.extent, strict=True))
         extent = width, height, area

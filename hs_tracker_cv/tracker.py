@@ -130,9 +130,9 @@ class _Track:
 class TrackerHS:
     """Track one object by its motion; put it where a ``cv2.TrackerCSRT`` stood.
 
-    The object is found by Horn–Schunck optical flow: no template, no training, no model file, so it may rotate,
-    deform, glint or change its surface. Duck-typed: it is not a subclass of ``cv2.Tracker``, since OpenCV does not
-    support that and crashes.
+    The object is found by Horn–Schunck optical flow, without training or model file, and may rotate, deform, glint or
+    change its surface. Duck-typed: it is not a subclass of ``cv2.Tracker``, since OpenCV does not support that and
+    crashes.
 
     Parameters
     ----------

@@ -38,7 +38,9 @@ def known(colour: tuple[int, int, int] = RED) -> Target:
     """A target of one colour, described by segmentation after `init`."""
     box = Box(100, 80, SIDE, SIDE)
     state = layers.start(as_frame(scene_with(box, colour)), box, layers.LayersParams())
-    return sighting.describe(state, None)
+    target = sighting.describe(state, None)
+    assert target is not None
+    return target
 
 
 def empty_scene(target: Target | None = None) -> Scene:
@@ -183,3 +185,13 @@ def test_a_copy_made_during_the_search_goes_on_alike() -> None:
         tracker.update(frame)
     other = pickle.loads(pickle.dumps(tracker))
     assert [tracker.update(frame) for frame, _ in video[38:]] == [other.update(frame) for frame, _ in video[38:]]
+
+
+def test_an_object_without_a_shape_is_not_described() -> None:
+    """Gone as soon as it was drawn, it has left no pixel to be known by: what was known stays, even nothing."""
+    box = Box(100, 80, SIDE, SIDE)
+    state = layers.start(as_frame(scene_with(box)), box, layers.LayersParams())
+    shapeless = state.replace(shape=np.zeros_like(state.shape))
+    assert sighting.describe(shapeless, None) is None
+    before = known()
+    assert sighting.describe(shapeless, before) is before
