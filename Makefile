@@ -5,13 +5,29 @@ BIN := $(VENV)/bin
 # The other major version of OpenCV, for `make test-matrix`.
 OPENCV4 := opencv-contrib-python-headless~=4.13.0
 OPENCV5 := opencv-contrib-python-headless~=5.0
+# Where the extension is built, and with what: a machine without a compiler gets Clang as the wheel `ziglang` of PyPI.
+BUILD := build/$(notdir $(VENV))
+COMPILER := $(shell for name in "$$CXX" c++ g++ clang++; do command -v "$$name" && break; done)
+ifeq ($(COMPILER),)
+ZIG := ZIG="$$($(BIN)/python -m pip install --quiet ziglang && $(BIN)/python -c \
+	"import importlib.resources as r; print(r.files('ziglang') / 'zig')")"
+TOOLCHAIN := -DCMAKE_TOOLCHAIN_FILE=cmake/zig.cmake
+endif
 
-.PHONY: bench test test-matrix lint bench-flow clean
+.PHONY: native bench test test-matrix lint bench-flow clean
 
-bench: $(VENV)/ready
+# The extension, built into this checkout: a moment when nothing has changed. `make native VENV=/some/.venv` builds it
+# for the Python of an environment elsewhere.
+native: $(VENV)/ready
+	$(ZIG) $(BIN)/cmake -S . -B $(BUILD) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja \
+		-DPython_EXECUTABLE=$(abspath $(BIN))/python $(TOOLCHAIN)
+	$(BIN)/cmake --build $(BUILD)
+	$(BIN)/cmake --install $(BUILD) --prefix .
+
+bench: native
 	$(BIN)/python -m eval bench
 
-test: $(VENV)/ready
+test: native
 	$(BIN)/python -m pytest -n 2 -q
 	$(BIN)/python -m eval check
 
@@ -26,11 +42,11 @@ lint: $(VENV)/ready
 	$(BIN)/codespell
 	$(BIN)/mypy
 
-bench-flow: $(VENV)/ready
+bench-flow: native
 	$(BIN)/python -m benchmarks.bench_flow
 
 clean:
-	rm -rf .venv .venv-cv4 .venv-cv5 results dist
+	rm -rf .venv .venv-cv4 .venv-cv5 build results dist hs_tracker_cv/_native/kernels.*.so
 
 .venv/ready: pyproject.toml
 	$(call setup,.venv,)

@@ -1,0 +1,15 @@
+# Toolchain for machines without a compiler: Clang as it is in the wheel `ziglang` of PyPI. Its binary is called by its
+# path, since pip's isolated builds cannot import the Python package. ZIG names it: the folder of the installed package.
+set(ZIG "$ENV{ZIG}" CACHE FILEPATH "The zig binary")
+if(NOT ZIG)
+  message(FATAL_ERROR "expected the environment variable ZIG to name the zig binary (site-packages/ziglang/zig)")
+endif()
+set(CMAKE_C_COMPILER "${ZIG}" cc)
+set(CMAKE_CXX_COMPILER "${ZIG}" c++)
+set(CMAKE_AR "${ZIG}" CACHE FILEPATH "")
+set(CMAKE_RANLIB "${ZIG}" CACHE FILEPATH "")
+foreach(language C CXX)
+  set(CMAKE_${language}_ARCHIVE_CREATE "\"${ZIG}\" ar qc <TARGET> <LINK_FLAGS> <OBJECTS>")
+  set(CMAKE_${language}_ARCHIVE_APPEND "\"${ZIG}\" ar q <TARGET> <LINK_FLAGS> <OBJECTS>")
+  set(CMAKE_${language}_ARCHIVE_FINISH "\"${ZIG}\" ranlib <TARGET>")
+endforeach()
