@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import os
+import queue
 import shutil
 import socket
 import subprocess
@@ -14,9 +14,11 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
+import psutil
 import pytest
 from numpy.typing import NDArray
 
@@ -36,12 +38,6 @@ FLAGS = [
 ]
 PATIENCE = 60_000
 """Milliseconds a page may take: the machine may be busy."""
-
-
-def _port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _frames(count: int) -> tuple[list[NDArray[np.uint8]], list[Box]]:
@@ -79,17 +75,27 @@ def plain_environment(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     return lambda: monkeypatch.delenv("PYTEST_CURRENT_TEST", raising=False)
 
 
-def _visit(browser: Any, port: int) -> Any:
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> queue.Queue[str]:
+    """The addresses that would be opened in the user's browser."""
+    addresses: queue.Queue[str] = queue.Queue()
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(app.webbrowser, "open", addresses.put)
+    return addresses
+
+
+def _visit(browser: Any, address: str) -> Any:
     page = browser.new_page(viewport={"width": 1400, "height": 1100})
-    deadline = time.monotonic() + PATIENCE / 1000
-    while True:
-        try:
-            page.goto(f"http://127.0.0.1:{port}/", timeout=PATIENCE)
-            return page
-        except Exception:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.3)
+    page.goto(address, timeout=PATIENCE)
+    return page
+
+
+def _is_free(address: str) -> bool:
+    """Whether nothing listens at an address any more."""
+    parts = urlsplit(address)
+    with contextlib.suppress(ConnectionRefusedError), socket.create_connection((parts.hostname, parts.port), 2.0):
+        return False
+    return True
 
 
 def _drag(page: Any, start: tuple[int, int], end: tuple[int, int]) -> None:
@@ -113,59 +119,70 @@ def _drag(page: Any, start: tuple[int, int], end: tuple[int, int]) -> None:
     ],
 )
 def test_the_dragged_box_is_the_answer(
-    browser: Any, plain_environment: Callable[[], None], start: tuple[int, int], end: tuple[int, int]
+    browser: Any,
+    plain_environment: Callable[[], None],
+    opened: queue.Queue[str],
+    start: tuple[int, int],
+    end: tuple[int, int],
 ) -> None:
     """A mouse drag on the page gives exactly the dragged box, in frame px, and the server ends."""
     plain_environment()
-    port, answers = _port(), []
+    answers: list[Box | None] = []
     frame = _frames(1)[0][0]
-    thread = threading.Thread(target=lambda: answers.append(app.select_roi(frame, show=False, port=port)))
+    thread = threading.Thread(target=lambda: answers.append(app.select_roi(frame)))
     thread.start()
-    page = _visit(browser, port)
+    address = opened.get(timeout=PATIENCE / 1000)
+    page = _visit(browser, address)
     _drag(page, start, end)
     page.locator("#accept:not([disabled])").click(timeout=PATIENCE)
     thread.join(PATIENCE / 1000)
     left, right = sorted((start[0], end[0]))
     top, bottom = sorted((start[1], end[1]))
     assert answers == [Box(left, top, right - left, bottom - top)]
-    with pytest.raises(OSError, match="refused"):
-        socket.create_connection(("127.0.0.1", port), timeout=2.0)
+    assert _is_free(address)
 
 
-@pytest.mark.browser
-def test_the_selection_gives_up_by_itself(browser: Any, plain_environment: Callable[[], None]) -> None:
+def test_the_selection_gives_up_by_itself(plain_environment: Callable[[], None], opened: queue.Queue[str]) -> None:
     """Without a drag the answer is None after the timeout, and the server has ended."""
+    pytest.importorskip("nicegui")
     plain_environment()
-    port = _port()
-    assert app.select_roi(_frames(1)[0][0], timeout=2.0, show=False, port=port) is None
-    with pytest.raises(OSError, match="refused"):
-        socket.create_connection(("127.0.0.1", port), timeout=2.0)
+    assert app.select_roi(_frames(1)[0][0], timeout=2.0) is None
+    assert _is_free(opened.get_nowait())
 
 
 @contextlib.contextmanager
-def _live(video: Path, port: int) -> Iterator[None]:
-    command = [sys.executable, "-m", "hs_tracker_cv", "app", str(video), "--port", str(port), "--no-show"]
-    process = subprocess.Popen(command, cwd=video.parent, env=dict(os.environ))
+def _live(*arguments: str) -> Iterator[tuple[str, psutil.Process]]:
+    """`hs-track app`: the printed address and the server's process."""
+    command = [sys.executable, "-m", "hs_tracker_cv", "app", *arguments, "--no-show"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
     try:
-        yield
+        address = process.stderr.readline().split()[-1]
+        yield address, psutil.Process(process.pid).children()[0]
     finally:
         process.terminate()
-        process.wait()
+        process.communicate()
+
+
+@pytest.fixture
+def square(tmp_path: Path) -> Path:
+    """A video of a square that moves to the right."""
+    path = tmp_path / "square.mkv"
+    with VideoSink(path, 25.0) as sink:
+        for frame in _frames(14)[0]:
+            sink.write(frame)
+    return path
 
 
 @pytest.mark.browser
 def test_the_live_page_tracks_what_was_dragged(
-    browser: Any, plain_environment: Callable[[], None], tmp_path: Path
+    browser: Any, plain_environment: Callable[[], None], square: Path
 ) -> None:
     """A drag starts the tracker; the page shows state, box and panels, pauses, and steps one frame."""
     plain_environment()
-    frames, boxes = _frames(14)
-    with VideoSink(tmp_path / "square.mkv", 25.0) as sink:
-        for frame in frames:
-            sink.write(frame)
-    port = _port()
-    with _live(tmp_path / "square.mkv", port):
-        page = _visit(browser, port)
+    boxes = _frames(14)[1]
+    with _live(str(square)) as (address, _):
+        page = _visit(browser, address)
         _drag(page, (60, 70), (100, 110))
         page.wait_for_function("document.querySelector('#facts').innerText.includes('frame 2 ')", timeout=PATIENCE)
         page.locator("#play").click()
@@ -188,17 +205,66 @@ def _facts(page: Any) -> tuple[int, Box]:
     return int(words[words.index("frame") + 1]), Box(x, y, w, h)
 
 
+@pytest.mark.browser
+def test_a_video_is_chosen_on_the_page(browser: Any, plain_environment: Callable[[], None], square: Path) -> None:
+    """Without a video at the start, one is handed over through the browser's file chooser."""
+    plain_environment()
+    with _live() as (address, _):
+        page = _visit(browser, address)
+        page.locator("#upload input[type=file]").set_input_files(str(square), timeout=PATIENCE)
+        _drag(page, (60, 70), (100, 110))
+        page.wait_for_function("document.querySelector('#facts').innerText.includes('frame 2 ')", timeout=PATIENCE)
+
+
+@pytest.mark.browser
+def test_a_closed_page_gives_its_video_back(
+    browser: Any, plain_environment: Callable[[], None], square: Path
+) -> None:
+    """Open files and threads of the server are after many pages what they were after a few."""
+    plain_environment()
+    with _live(str(square)) as (address, server):
+
+        def held() -> int:
+            return sum(Path(file.path).samefile(square) for file in server.open_files())
+
+        def visit(count: int) -> None:
+            pages = [_visit(browser, address) for _ in range(count)]
+            for page in pages:
+                page.locator("#frame img").first.wait_for(timeout=PATIENCE)
+                page.locator("#detect").click(timeout=PATIENCE)
+            assert held() == count
+            for page in pages:
+                page.close()
+            _wait_until(lambda: held() == 0)
+
+        # As many at once as later: threads that are kept for later work exist from then on.
+        visit(6)
+        before = server.num_fds(), server.num_threads()
+        for _ in range(3):
+            visit(6)
+        _wait_until(lambda: server.num_fds() <= before[0])
+        _wait_until(lambda: server.num_threads() <= before[1])
+
+
+def _wait_until(question: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE / 1000
+    while not question():
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
+
+
 def test_a_session_follows_and_can_be_restarted_on_the_way(tmp_path: Path) -> None:
     """A new box in the middle of a video starts a new track in that frame, under that frame's number."""
     pytest.importorskip("nicegui")
     from hs_tracker_cv.app.live import LiveSession
+    from hs_tracker_cv.app.sources import Sources
 
     frames, boxes = _frames(8)
     with VideoSink(tmp_path / "square.mkv", 25.0) as sink:
         for frame in frames:
             sink.write(frame)
-    session = LiveSession()
-    np.testing.assert_array_equal(session.open(str(tmp_path / "square.mkv")), frames[0])
+    session = LiveSession(Sources(str(tmp_path / "square.mkv")))
+    np.testing.assert_array_equal(session.open("square.mkv"), frames[0])
     session.start(boxes[0])
     assert [session.advance().index for _ in range(4)] == [0, 1, 2, 3]
     session.start(boxes[3])
@@ -209,8 +275,26 @@ def test_a_session_follows_and_can_be_restarted_on_the_way(tmp_path: Path) -> No
     assert iou(later[4].box, boxes[7]) > 0.7
     assert len(session.scores) == 5
     session.close()
-    with pytest.raises(VideoError, match="cannot be read"):
-        session.open(str(tmp_path / "absent.avi"))
+    with pytest.raises(VideoError, match="has been closed"):
+        session.open("square.mkv")
+
+
+def test_a_source_that_cannot_be_read_leaves_the_session_usable(square: Path) -> None:
+    """The error names it; the other sources still open."""
+    pytest.importorskip("nicegui")
+    from hs_tracker_cv.app.live import LiveSession
+    from hs_tracker_cv.app.sources import Sources
+
+    (square.parent / "broken.avi").write_bytes(b"no video")
+    session = LiveSession(Sources(str(square.parent)))
+    with pytest.raises(VideoError, match=r"broken\.avi"):
+        session.open("broken.avi")
+    session.start(Box(60, 70, 40, 40))
+    assert session.advance() is None
+    session.open("square.mkv")
+    session.start(Box(60, 70, 40, 40))
+    assert session.advance().index == 0
+    session.close()
 
 
 def test_without_nicegui_the_way_to_install_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,8 +304,9 @@ def test_without_nicegui_the_way_to_install_it_is_named(monkeypatch: pytest.Monk
         app.select_roi(_frames(1)[0][0])
 
 
-def test_a_taken_port_is_a_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A server that cannot start is reported with its port, and no process is left."""
+def test_a_server_that_cannot_start_is_a_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is reported with its exit code."""
+    pytest.importorskip("nicegui")
     monkeypatch.setattr(app.sys, "executable", "false")
-    with pytest.raises(VideoError, match="could not be served on port 1"):
-        app.select_roi(_frames(1)[0][0], port=1, show=False)
+    with pytest.raises(VideoError, match="cannot be served: its server ended with code 1"):
+        app.select_roi(_frames(1)[0][0], show=False)

@@ -1,7 +1,7 @@
 """The browser pages: drag the box on the first frame, or watch the tracker think, live.
 
 They need the extra ``app`` (NiceGUI). Each page is served by a process of its own on the loopback interface, so
-that a server's global state never meets the caller's.
+that a server's global state never meets the caller's, and to whoever holds the random token in its address only.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import contextlib
 import importlib.util
 import json
 import os
-import socket
+import secrets
 import subprocess
 import sys
 import tempfile
-import time
 import webbrowser
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,8 @@ from ..video import VideoError
 __all__ = ["select_roi", "serve"]
 
 HOST = "127.0.0.1"
-START_SECONDS = 60.0
-"""How long the server may take to answer its first connection."""
+END_SECONDS = 10.0
+"""How long a server may take to end before it is killed."""
 
 
 def select_roi(frame: Any, *, timeout: float = 600.0, show: bool = True, port: int | None = None) -> Box | None:
@@ -44,7 +44,7 @@ def select_roi(frame: Any, *, timeout: float = 600.0, show: bool = True, port: i
     show : bool
         Open a browser window where there is a screen. Its address is written to stderr in any case.
     port : int, optional
-        Port on the loopback interface; a free one by default.
+        Port on the loopback interface, or the next free one if it is taken; any free one by default.
 
     Returns
     -------
@@ -58,15 +58,13 @@ def select_roi(frame: Any, *, timeout: float = 600.0, show: bool = True, port: i
     VideoError
         If the page cannot be served.
     """
-    _require_nicegui()
     with tempfile.TemporaryDirectory(prefix="hs-track-") as folder:
         picture, answer = Path(folder) / "frame.png", Path(folder) / "answer.json"
         picture.write_bytes(cv2.imencode(".png", frame)[1].tobytes())
-        port = _free_port() if port is None else port
-        with _page("select", str(picture), str(answer), str(timeout), port=port) as process:
-            _announce("Drag a box round the object at", port, show=show)
+        with _page("select", port, picture=str(picture), answer=str(answer)) as page:
+            page.announce("Drag a box round the object at", show=show)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(timeout)
+                page.process.wait(timeout)
         return Box(*json.loads(answer.read_text())) if answer.exists() else None
 
 
@@ -90,11 +88,9 @@ def serve(video: str = "", *, port: int | None = None, show: bool = True) -> int
     ImportError, VideoError
         As select_roi.
     """
-    _require_nicegui()
-    port = _free_port() if port is None else port
-    with _page("live", video, port=port) as process:
-        _announce("Watch the tracker at", port, show=show)
-        return process.wait()
+    with _page("live", port, video=video) as page:
+        page.announce("Watch the tracker at", show=show)
+        return page.process.wait()
 
 
 def _require_nicegui() -> None:
@@ -102,40 +98,68 @@ def _require_nicegui() -> None:
         raise ImportError("the page needs NiceGUI: pip install 'hs-tracker-cv[app]'")
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        return int(probe.getsockname()[1])
+@dataclass(frozen=True)
+class _Page:
+    """A page that is being served."""
+
+    process: subprocess.Popen[str]
+    address: str
+    ticket: str
+
+    def announce(self, words: str, *, show: bool) -> None:
+        """Write its address to stderr and open a browser where there is a screen."""
+        print(f"{words} {self.address}", file=sys.stderr, flush=True)
+        # Without a screen Python may start a text browser in this terminal, and wait for it.
+        if show and (sys.platform in {"darwin", "win32"} or {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()):
+            webbrowser.open(self.ticket)
 
 
 @contextlib.contextmanager
-def _page(name: str, *arguments: str, port: int) -> Iterator[subprocess.Popen[bytes]]:
+def _page(name: str, port: int | None, **arguments: Any) -> Iterator[_Page]:
     """Run a page in a process of its own, until it ends or the block does."""
+    if port is not None and not 1 <= port <= 65535:
+        raise VideoError(f"expected a port from 1 to 65535, got {port}")
+    _require_nicegui()
+    token, ticket = secrets.token_urlsafe(), secrets.token_urlsafe()
+    order = {"page": name, "port": port or 0, "token": token, "ticket": ticket, "arguments": arguments}
     # NiceGUI writes a storage folder into the working directory unless told otherwise.
     with tempfile.TemporaryDirectory(prefix="hs-track-storage-") as storage:
-        environment = {**os.environ, "NICEGUI_STORAGE_PATH": storage}
-        command = [sys.executable, "-m", "hs_tracker_cv.app", name, str(port), *arguments]
-        process = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            [sys.executable, "-m", "hs_tracker_cv.app"],
+            env={**os.environ, "NICEGUI_STORAGE_PATH": storage},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         try:
-            _await_server(process, port)
-            yield process
+            bound = _bound_port(process, order)
+            if port not in {None, bound}:
+                print(f"hs-track: port {port} is taken, {bound} is used", file=sys.stderr, flush=True)
+            address = f"http://{HOST}:{bound}/?token="
+            yield _Page(process, address + token, address + ticket)
         finally:
-            process.terminate()
-            process.wait()
+            _end(process)
 
 
-def _await_server(process: subprocess.Popen[bytes], port: int) -> None:
-    deadline = time.monotonic() + START_SECONDS
-    while time.monotonic() < deadline and process.poll() is None:
-        with contextlib.suppress(OSError), socket.create_connection((HOST, port), timeout=1.0):
-            return
-        time.sleep(0.05)
-    raise VideoError(f"the page could not be served on port {port}")
+def _end(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    try:
+        process.communicate(timeout=END_SECONDS)
+    except subprocess.TimeoutExpired:  # a camera that does not answer holds it up
+        process.kill()
+        process.communicate()
 
 
-def _announce(words: str, port: int, *, show: bool) -> None:
-    address = f"http://{HOST}:{port}/"
-    print(f"{words} {address}", file=sys.stderr, flush=True)
-    # Without a screen Python may start a text browser in this terminal, and wait for it.
-    if show and (sys.platform in {"darwin", "win32"} or {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()):
-        webbrowser.open(address)
+def _bound_port(process: subprocess.Popen[str], order: dict[str, Any]) -> int:
+    """Hand the order over and wait until it is carried out."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    with contextlib.suppress(BrokenPipeError):
+        process.stdin.write(json.dumps(order) + "\n")
+        process.stdin.flush()
+    # The line comes, or the end of the file when the process ends.
+    line = process.stdout.readline()
+    answer = json.loads(line) if line else {"error": f"its server ended with code {process.wait()}"}
+    if "error" in answer:
+        raise VideoError(f"the page cannot be served: {answer['error']}")
+    return int(answer["port"])

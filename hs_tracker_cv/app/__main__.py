@@ -1,39 +1,32 @@
-"""The process behind a page: ``python -m hs_tracker_cv.app select|live PORT …``; started by the package itself."""
+"""The process behind a page, started by the package itself: takes its order as JSON on standard input."""
 
 from __future__ import annotations
 
-import asyncio
-import os
+import json
 import sys
 
-from . import HOST
 from .live import live_page
 from .selection import select_page
+from .server import PageServer, listen, report
 
 __all__: list[str] = []
 
 
-def _main(page: str, port: int, *arguments: str) -> None:
-    from nicegui import app, ui
-
-    if page == "select":
-        picture, answer, timeout = arguments
-        select_page(picture, answer, float(timeout))
+def _main() -> None:
+    # Secrets come through a pipe: other users may read the command line of a process.
+    order = json.loads(sys.stdin.readline())
+    try:
+        listener = listen(order["port"])
+    except OSError as error:
+        report(error=error.strerror)
+        return
+    server = PageServer(listener, token=order["token"], ticket=order["ticket"])
+    if order["page"] == "select":
+        select_page(**order["arguments"], end=server.end)
     else:
-        live_page(*arguments)
-    app.on_startup(lambda: asyncio.create_task(_end_with_parent()))
-    ui.run(host=HOST, port=port, title="hs-track", dark=True, show=False, reload=False, show_welcome_message=False)
-
-
-async def _end_with_parent() -> None:
-    """A killed parent cannot end its server; the server notices."""
-    from nicegui import app
-
-    parent = os.getppid()
-    while os.getppid() == parent:
-        await asyncio.sleep(1.0)
-    app.shutdown()
+        live_page(**order["arguments"])
+    server.serve_until_end()
 
 
 if __name__ == "__main__":
-    _main(sys.argv[1], int(sys.argv[2]), *sys.argv[3:])
+    _main()

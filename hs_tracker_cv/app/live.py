@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import itertools
+import threading
 from collections import deque
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import events, run, ui
 
 from ..cli import Step, steps
 from ..display import draw_box, render_panels
 from ..frames import InputError
 from ..geometry import Box
-from ..video import VideoError, VideoSource, open_source
+from ..video import VideoError, VideoSource
 from .picker import BoxPicker, picture_url
+from .sources import VIDEO_SUFFIXES, Sources
 
 __all__ = ["LiveSession", "live_page"]
 
@@ -26,7 +27,12 @@ COLOURS = {"tracking": "green", "occluded": "orange", "lost": "red", "searching"
 
 
 class LiveSession:
-    """One viewer's video and tracker, without any page: what the buttons do.
+    """One viewer's video and tracker, without any page: what the buttons do. Its methods wait for one another.
+
+    Parameters
+    ----------
+    sources : Sources
+        What may be opened.
 
     Attributes
     ----------
@@ -36,62 +42,76 @@ class LiveSession:
         The last scores, oldest first.
     """
 
-    def __init__(self) -> None:
-        self.source: VideoSource | None = None
+    def __init__(self, sources: Sources) -> None:
+        self.sources = sources
         self.step: Step | None = None
         self.scores: deque[float] = deque(maxlen=HISTORY)
+        self._source: VideoSource | None = None
         self._frame: Any = None
-        self._rest: Iterator[Any] = iter(())
         self._steps: Iterator[Step] = iter(())
+        self._lock = threading.Lock()
+        self._closed = False
 
-    def open(self, path: str) -> Any:
-        """Open a source and return its first frame; raises VideoError."""
-        self.close()
-        self.source = open_source(path)
-        self._rest = self.source.frames
-        self._frame = next(self._rest)
-        self.step = None
-        self.scores.clear()
-        return self._frame
+    def open(self, name: str) -> Any:
+        """Open one of the sources and return its first frame; raises VideoError."""
+        with self._lock:
+            self._release()
+            if self._closed:
+                raise VideoError("the page has been closed")
+            self._source = self.sources.open(name)
+            self._frame = next(self._source.frames)
+            return self._frame
 
     def start(self, roi: Box | None) -> None:
         """Follow the object in `roi` from the current frame on; None waits for the first that moves."""
-        index = self.step.index if self.step is not None else 0
-        self._steps = steps(itertools.chain([self._frame], self._rest), roi, show=True, first=index)
-        self.scores.clear()
+        with self._lock:
+            if self._source is None:
+                return
+            index = self.step.index if self.step is not None else 0
+            frames = itertools.chain([self._frame], self._source.frames)
+            self._steps = steps(frames, roi, show=True, first=index)
+            self.scores.clear()
 
     def advance(self) -> Step | None:
         """Take the next frame; None at the end. Raises VideoError or InputError."""
-        step = next(self._steps, None)
-        if step is not None:
-            self.step, self._frame = step, step.frame
-            self.scores.append(step.score)
-        return step
+        with self._lock:
+            step = next(self._steps, None)
+            if step is not None:
+                self.step, self._frame = step, step.frame
+                self.scores.append(step.score)
+            return step
 
     def close(self) -> None:
-        """Release the source."""
-        if self.source is not None:
-            self.source.close()
-        self.source = None
+        """Give the video back and delete the uploads; nothing can be opened any more."""
+        with self._lock:
+            self._closed = True
+            self._release()
+            self.sources.close()
+
+    def _release(self) -> None:
+        if self._source is not None:
+            self._source.close()
+        self._source, self._frame, self.step, self._steps = None, None, None, iter(())
+        self.scores.clear()
 
 
 def live_page(video: str = "") -> None:
-    """Declare the page at ``/``, with the address of a video filled in."""
+    """Declare the page at ``/``, which offers what `video` names."""
 
     @ui.page("/")
     def page() -> None:
-        LivePage(video)
+        LivePage(Sources(video))
 
 
 class LivePage:
     """The elements of one viewer's page and what their events do."""
 
-    def __init__(self, video: str) -> None:
-        self.session = LiveSession()
+    def __init__(self, sources: Sources) -> None:
+        self.session = LiveSession(sources)
         self.busy = False
         self.playing = False
         ui.query(".nicegui-content").classes("gap-3")
-        self._controls(video)
+        self._controls(sources.names)
         self.picker = BoxPicker(self._boxed)
         self.picker.element.props("id=frame")
         with ui.row().classes("items-center gap-4 w-full"):
@@ -100,16 +120,19 @@ class LivePage:
             self.curve = ui.html("", sanitize=False).props("id=score")
         self.panels = ui.image().style("max-width: 1330px; width: 100%").props("id=panels no-spinner no-transition")
         self.timer = ui.timer(0.02, self._tick, active=False)
-        ui.context.client.on_disconnect(self._leave)
-        if video:
-            self._open()
+        # Deletion and not disconnection: a connection that is lost for a moment comes back to the same page.
+        ui.context.client.on_delete(self._leave)
+        if sources.names:
+            # A timer starts when the page is seen: a request alone opens no video.
+            ui.timer(0.0, self._open, once=True)
 
-    def _controls(self, video: str) -> None:
+    def _controls(self, names: list[str]) -> None:
         with ui.row().classes("items-center gap-3 w-full"):
-            here = sorted(str(path) for path in Path().iterdir() if path.is_dir() or path.suffix in _VIDEO_SUFFIXES)
-            self.path = ui.input("Video file, folder of images or camera number", value=video, autocomplete=here)
-            self.path.classes("grow").props("id=path").on("keydown.enter", self._open)
-            ui.button("Open", icon="folder_open", on_click=self._open).props("id=open")
+            first = names[0] if names else None
+            self.name = ui.select(list(names), value=first, label="Video", on_change=self._open)
+            self.name.classes("grow").props("id=name")
+            self.upload = ui.upload(label="or choose a file", auto_upload=True, on_upload=self._take)
+            self.upload.props(f"id=upload flat bordered accept={','.join(sorted(VIDEO_SUFFIXES))}")
             self.detect = ui.button("Find what moves", icon="search", on_click=lambda: self._start(None))
             self.detect.props("id=detect")
             self.play = ui.button("Pause", icon="pause", on_click=self._toggle).props("id=play")
@@ -121,10 +144,20 @@ class LivePage:
         self.play.set_enabled(started)
         self.once.set_enabled(started)
 
-    def _open(self) -> None:
+    async def _take(self, event: events.UploadEventArguments) -> None:
+        try:
+            name, path = self.session.sources.reserve(event.file.name)
+        except VideoError as error:
+            ui.notify(str(error), type="negative")
+            return
+        await event.file.save(path)
+        self.upload.reset()
+        self.name.set_options(list(self.session.sources.names), value=name)
+
+    async def _open(self) -> None:
         self._play(False)
         try:
-            frame = self.session.open(self.path.value.strip())
+            frame = await run.io_bound(self.session.open, str(self.name.value))
         except VideoError as error:
             self._enable(opened=False, started=False)
             ui.notify(str(error), type="negative")
@@ -135,8 +168,7 @@ class LivePage:
         self._enable(opened=True, started=False)
 
     def _boxed(self, box: Box) -> None:
-        if self.session.source is not None:
-            self._start(box)
+        self._start(box)
 
     def _start(self, roi: Box | None) -> None:
         self.session.start(roi)
@@ -201,12 +233,9 @@ class LivePage:
         self.state.props(f"color={colour}")
         self.facts.set_text(facts)
 
-    def _leave(self) -> None:
-        self.timer.active = False
-        self.session.close()
-
-
-_VIDEO_SUFFIXES = frozenset({".avi", ".mkv", ".mov", ".mp4", ".webm", ".mpg", ".m4v"})
+    async def _leave(self) -> None:
+        # In a thread: it waits for the frame that is being worked on.
+        await run.io_bound(self.session.close)
 
 
 def _curve(scores: deque[float]) -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
-from nicegui import app, ui
+from nicegui import ui
 
 from ..frames import MIN_SIDE
 from ..geometry import Box
@@ -17,7 +18,7 @@ from .picker import BoxPicker
 __all__ = ["select_page"]
 
 
-def select_page(picture: str, answer: str, timeout: float) -> None:
+def select_page(picture: str, answer: str, end: Callable[[], None]) -> None:
     """Declare the page at ``/``.
 
     Parameters
@@ -26,18 +27,12 @@ def select_page(picture: str, answer: str, timeout: float) -> None:
         PNG of the frame.
     answer : str
         File that takes the box as JSON: [x, y, w, h].
-    timeout : float
-        Seconds after which the server ends.
+    end : callable
+        Ends the server.
     """
     image = cv2.imread(picture, cv2.IMREAD_COLOR)
     if image is None:
         raise VideoError(f"{picture}: is not an image")
-
-    async def give_up() -> None:
-        await asyncio.sleep(timeout)
-        app.shutdown()
-
-    app.on_startup(lambda: asyncio.create_task(give_up()))
 
     @ui.page("/")
     def page() -> None:
@@ -56,7 +51,7 @@ def select_page(picture: str, answer: str, timeout: float) -> None:
             button.set_enabled(False)
             # The page must have heard before its server goes.
             await asyncio.sleep(0.3)
-            app.shutdown()
+            end()
 
         ui.query(".nicegui-content").classes("items-start gap-3")
         with ui.row().classes("items-center gap-4"):

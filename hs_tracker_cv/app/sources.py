@@ -1,0 +1,103 @@
+"""What a page may open: what was named when it was started, and what its user hands over; nothing else."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from pathlib import Path
+
+from ..video import IMAGE_SUFFIXES, VideoError, VideoSource, natural_key, open_source
+
+__all__ = ["VIDEO_SUFFIXES", "Sources"]
+
+VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv"})
+"""Files of a folder that are offered, and uploads that are taken."""
+
+
+class Sources:
+    """The sources of one page, by the names under which it offers them.
+
+    Parameters
+    ----------
+    named : str
+        A video file, the number of a camera, a folder of images or a folder of videos; empty for none.
+
+    Attributes
+    ----------
+    names : list of str
+        In the order in which they are offered.
+    """
+
+    def __init__(self, named: str = "") -> None:
+        self.names: list[str] = []
+        self._paths: dict[str, str] = {}
+        self._inbox = tempfile.TemporaryDirectory(prefix="hs-track-upload-")
+        self._uploads = itertools.count()
+        root = Path(named)
+        if named and root.is_dir():
+            self._add_folder(root)
+        elif named:
+            self._add(root.name or named, named)
+
+    def _add(self, name: str, path: str) -> str:
+        unique = next(text for text in _numbered(name) if text not in self._paths)
+        self._paths[unique] = path
+        self.names.append(unique)
+        return unique
+
+    def _add_folder(self, folder: Path) -> None:
+        try:
+            inside = sorted(folder.iterdir(), key=natural_key)
+        except OSError:
+            inside = []
+        videos = [path for path in inside if path.suffix.lower() in VIDEO_SUFFIXES and _lies_in(path, folder)]
+        if not videos or any(path.suffix.lower() in IMAGE_SUFFIXES for path in inside):
+            self._add(folder.resolve().name, str(folder))
+        for path in videos:
+            self._add(path.name, str(path.resolve()))
+
+    def open(self, name: str) -> VideoSource:
+        """Open one of `names`.
+
+        Raises
+        ------
+        VideoError
+            If it is none of them, or cannot be read.
+        """
+        if name not in self._paths:
+            raise VideoError(f"{name}: is not among the videos of this page ({', '.join(self.names) or 'none'})")
+        return open_source(self._paths[name])
+
+    def reserve(self, name: str) -> tuple[str, Path]:
+        """Make room for an upload: the name under which it is offered, and the file to write it to.
+
+        Parameters
+        ----------
+        name : str
+            As the browser tells it; used for nothing but the ending and as a text.
+
+        Raises
+        ------
+        VideoError
+            If its ending is not that of a video.
+        """
+        plain = name.replace("\\", "/").rsplit("/", 1)[-1]
+        suffix = Path(plain).suffix.lower()
+        if suffix not in VIDEO_SUFFIXES:
+            raise VideoError(f"{plain}: expected a video ({', '.join(sorted(VIDEO_SUFFIXES))})")
+        path = Path(self._inbox.name) / f"upload{next(self._uploads)}{suffix}"
+        return self._add(plain, str(path)), path
+
+    def close(self) -> None:
+        """Delete the uploads."""
+        self._inbox.cleanup()
+
+
+def _lies_in(path: Path, folder: Path) -> bool:
+    """Whether a path still lies in a folder, and is a file there, when all links are followed."""
+    real = path.resolve()
+    return real.is_file() and real.is_relative_to(folder.resolve())
+
+
+def _numbered(name: str) -> itertools.chain[str]:
+    return itertools.chain([name], (f"{name} ({number})" for number in itertools.count(2)))
