@@ -193,7 +193,9 @@ class MotionDetector:
         InputError
             As detect.
         """
-        before, after = as_frame(prev), as_frame(curr)
+        before = as_frame(prev)
+        alike = isinstance(curr, np.ndarray) and curr.dtype == before.pixels.dtype
+        after = as_frame(curr, before.gain, before.offset) if alike else as_frame(curr)
         if (before.height, before.width) != (after.height, after.width):
             raise InputError(
                 f"expected two frames of one size, got {before.width} × {before.height} "

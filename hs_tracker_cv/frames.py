@@ -6,6 +6,7 @@ it are float32 copies of our own. So the cost is the window's, whatever the size
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from .geometry import Box
 
-__all__ = ["MIN_SIDE", "Frame", "InputError", "as_frame", "as_roi", "crop", "to_gray"]
+__all__ = ["MIN_SIDE", "Frame", "InputError", "as_frame", "as_roi", "crop", "to_gray", "value_range"]
 
 MIN_SIDE = 4.0
 """Smallest side of a region of interest, px: less holds no gradient to follow."""
@@ -23,8 +24,12 @@ MIN_SIDE = 4.0
 _LONGEST = 200
 """Characters of a bad value that a message repeats."""
 
+HEADROOM = 0.25
+"""Room left for later frames of a track, above and below the values of the first one, as a share of their spread."""
+
 _BGR_TO_GRAY = np.array([[0.114, 0.587, 0.299]], np.float32)
-_INTEGER_GAIN = {np.dtype(np.uint8): 1.0, np.dtype(np.uint16): 255.0 / 65535.0}
+_DEEP = 65535.0
+_SAMPLE = 1 << 20  # values that suffice to know a range
 
 
 class InputError(cv2.error, ValueError):
@@ -39,12 +44,13 @@ class Frame:
     ----------
     pixels : ndarray, shape (H, W, C)
         C is 1 (gray) or 3 (BGR); any supported dtype, any stride.
-    gain : float
-        Factor that brings the values to the range 0–255.
+    gain, offset : float
+        ``(value - offset) * gain`` is a gray level, 0–255.
     """
 
     pixels: NDArray[Any]
     gain: float
+    offset: float = 0.0
 
     @property
     def height(self) -> int:
@@ -62,16 +68,18 @@ class Frame:
         return int(self.pixels.shape[2])
 
 
-def as_frame(image: Any, gain: float | None = None) -> Frame:
+def as_frame(image: Any, gain: float | None = None, offset: float = 0.0) -> Frame:
     """Check an image and return a view of it.
 
     Parameters
     ----------
     image : ndarray or cv2.UMat
         Shape (H, W), (H, W, 1), (H, W, 3) BGR or (H, W, 4) BGRA (alpha is ignored); uint8, uint16 or a float
-        type. Float images are read as 0–1 when no value exceeds 1, else as 0–255.
-    gain : float, optional
-        Range factor of the first frame of a track, so that one dark float frame does not change the scale.
+        type. Float images are read as 0–1 when no value exceeds 1, else as 0–255. Where the values do not fit that
+        or fill less than a quarter of 16 bits (cameras of 10, 12 and 14 bits, thermal cameras), the range is that
+        of the image, with headroom.
+    gain, offset : float, optional
+        Range of the first frame of a track, so that one dark frame does not change the scale.
 
     Returns
     -------
@@ -93,22 +101,62 @@ def as_frame(image: Any, gain: float | None = None) -> Frame:
         raise InputError(f"expected a frame of shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), got {image.shape}")
     if image.size == 0:
         raise InputError(f"expected a non-empty frame, got shape {image.shape}")
-    if _native(image) not in _INTEGER_GAIN and image.dtype.kind != "f":
+    if image.dtype.kind != "f" and not (image.dtype.kind == "u" and image.dtype.itemsize <= 2):
         raise InputError(f"expected a uint8, uint16 or float frame, got dtype {image.dtype}")
     pixels = image[:, :, :3] if image.shape[2] == 4 else image
-    return Frame(pixels, _gain(pixels) if gain is None else gain)
+    return Frame(pixels, *(value_range(pixels) if gain is None else (gain, offset)))
 
 
-def _native(pixels: NDArray[Any]) -> np.dtype[Any]:
-    """Dtype in the byte order of this machine: files of big-endian numbers are read as such."""
-    return pixels.dtype.newbyteorder("=")
+def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float, float]:
+    """Gain and offset that bring the values of a frame, and of those like it, to gray levels.
 
+    Parameters
+    ----------
+    pixels : ndarray, shape (H, W, C)
+        uint8, uint16 or float.
+    gain : float, optional
+        Gray levels per unit; only the offset is then chosen: 0 where the values fit so, else what brings them to the
+        middle of 0–255.
 
-def _gain(pixels: NDArray[Any]) -> float:
+    Returns
+    -------
+    gain, offset : float
+    """
+    if pixels.dtype.itemsize == 1:
+        return (1.0 if gain is None else gain), 0.0
+    low, high = _extremes(pixels)
+    if gain is not None:
+        return gain, 0.0 if low * gain >= 0.0 and high * gain <= 255.0 else 0.5 * (low + high) - 127.5 / gain
+    spread = high - low
     if pixels.dtype.kind == "u":
-        return _INTEGER_GAIN[_native(pixels)]
+        whole, finest, fits = _DEEP, 1.0, spread > _DEEP / 4.0  # a gray level is no less than a step of the sensor
+    else:
+        whole, finest = (1.0 if _highest(pixels) <= 1.0 else 255.0), math.inf
+        # What filters overshoot by does not change the scale.
+        fits = max(-low, 0.0) + max(high - whole, 0.0) <= spread / 4.0
+    if fits or spread == 0.0:
+        return 255.0 / whole, 0.0
+    first = low - HEADROOM * spread if low < 0.0 else max(low - HEADROOM * spread, 0.0)
+    return min(255.0 / (high + HEADROOM * spread - first), finest), first
+
+
+def _highest(pixels: NDArray[Any]) -> float:
     finite = pixels[np.isfinite(pixels)]
-    return 255.0 if finite.size == 0 or float(finite.max()) <= 1.0 else 1.0
+    return float(finite.max()) if finite.size else 0.0
+
+
+def _extremes(pixels: NDArray[Any]) -> tuple[float, float]:
+    """Lowest and highest value, those of single dead or hot pixels and what is no number apart; 0, 0 of none."""
+    step = max(1, round((pixels.size / _SAMPLE) ** 0.5))
+    with np.errstate(over="ignore", invalid="ignore"):
+        sample = np.ascontiguousarray(pixels[::step, ::step], np.float32)
+    finite = np.isfinite(sample)
+    if not finite.any():
+        return 0.0, 0.0
+    if not finite.all():
+        sample = np.where(finite, sample, np.median(sample[finite]))
+    smooth = cv2.medianBlur(sample, 3)
+    return float(smooth.min()), float(smooth.max())
 
 
 def as_roi(bounding_box: Any, frame: Frame) -> Box:
@@ -204,8 +252,8 @@ def crop(frame: Frame, x0: int, y0: int, width: int, height: int, *, step: int =
     left, top = min(max(x0, 0), frame.width - 1), min(max(y0, 0), frame.height - 1)
     right, bottom = min(max(x0 + width, left + 1), frame.width), min(max(y0 + height, top + 1), frame.height)
     part = frame.pixels[top:bottom, left:right]
-    if part.dtype != np.uint8 or frame.gain != 1.0:
-        part = _as_float(part, frame.gain)
+    if part.dtype != np.uint8 or frame.gain != 1.0 or frame.offset != 0.0:
+        part = _as_float(part, frame.gain, frame.offset)
     if part.shape[:2] != (height, width):
         above, before = (
             min(max(inside - start, 0), missing)
@@ -231,14 +279,17 @@ def _alike(start: int, count: int, step: int, limit: int) -> tuple[int, int]:
     return max(before, 0), max(after, 0)
 
 
-def _as_float(part: NDArray[Any], gain: float) -> NDArray[np.float32]:
+def _as_float(part: NDArray[Any], gain: float, offset: float) -> NDArray[np.float32]:
     # Values beyond float32 become infinite, and infinite ones black below.
     with np.errstate(over="ignore", invalid="ignore"):
         values = part.astype(np.float32)
+        if offset != 0.0:
+            values -= np.float32(offset)
         if gain != 1.0:
             values *= np.float32(gain)
     if part.dtype.kind == "f":
         np.nan_to_num(values, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+    if part.dtype != np.uint8:
         np.clip(values, 0.0, 255.0, out=values)
     return values
 

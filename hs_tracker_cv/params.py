@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -10,7 +11,7 @@ __all__ = ["MODES", "TrackerHS_Params"]
 MODES = ("auto", "layers", "propagation")
 """Values of `TrackerHS_Params.mode`."""
 
-_TYPES: dict[str, type | tuple[type, ...]] = {"str": str, "bool": bool, "int": int, "float": (int, float)}
+_TYPES: dict[str, type | tuple[type, ...]] = {"str": str, "bool": bool, "float | None": (int, float, type(None))}
 
 
 @dataclass(slots=True)
@@ -24,6 +25,9 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
     rotation : bool
         Let the box that is carried by flow turn with the object, and answer with the upright box round the turned
         one. Segmentation follows rotation in any case.
+    gain : float or None
+        Gray levels (of 255) per unit of frames that are not 8-bit, above 0. None takes the range of the first frame,
+        with headroom; either holds for the whole track.
 
     Raises
     ------
@@ -43,6 +47,7 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
 
     mode: str = "auto"
     rotation: bool = False
+    gain: float | None = None
 
     def __setattr__(self, name: str, value: Any) -> None:
         kinds = {field.name: str(field.type) for field in fields(self)}
@@ -76,3 +81,5 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
 def _check_range(name: str, value: Any) -> None:
     if name == "mode" and value not in MODES:
         raise ValueError(f"expected mode to be one of {', '.join(MODES)}, got {value!r}")
+    if name == "gain" and value is not None and not 0.0 < value < math.inf:
+        raise ValueError(f"expected a finite gain above 0, got {value!r}")

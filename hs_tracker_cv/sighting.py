@@ -10,7 +10,7 @@ of the scene.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cv2
@@ -200,7 +200,7 @@ def _least_of(histogram: NDArray[np.float32], share: float) -> float:
 
 def _samples(frame: Frame, step: int) -> NDArray[np.float32]:
     middle = step // 2
-    thinned = Frame(frame.pixels[middle::step, middle::step], frame.gain)
+    thinned = replace(frame, pixels=frame.pixels[middle::step, middle::step])
     return crop(thinned, 0, 0, thinned.width, thinned.height)
 
 

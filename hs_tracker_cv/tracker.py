@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from . import layers, propagation, sighting
 from .choice import WITNESS_FRAMES, Choice, judge, size_difference
 from .flow import derivatives, normal_flow
-from .frames import Frame, InputError, as_frame, as_roi
+from .frames import Frame, InputError, as_frame, as_roi, value_range
 from .geometry import Box, iou
 from .layers import LayersReport, LayersState
 from .params import TrackerHS_Params
@@ -156,7 +156,7 @@ class TrackerHS:
         self._parameters = TrackerHS_Params.from_dict((parameters or TrackerHS_Params()).to_dict())
         self._shape = (0, 0, 0)
         self._dtype: np.dtype[Any] | None = None
-        self._gain = 1.0
+        self._gain, self._offset = 1.0, 0.0
         self._track: _Track | None = None
 
     @classmethod
@@ -183,6 +183,8 @@ class TrackerHS:
         """
         self._track = None
         frame = as_frame(image)
+        if self._parameters.gain is not None:
+            frame = as_frame(image, *value_range(frame.pixels, self._parameters.gain))
         box = as_roi(boundingBox, frame)
         mode = self._parameters.mode
         options = replace(PROPAGATION, rotation=True) if self._parameters.rotation else PROPAGATION
@@ -195,7 +197,7 @@ class TrackerHS:
             first=_Seen.of(frame, box),
         )
         self._shape = frame.pixels.shape
-        self._dtype, self._gain = frame.pixels.dtype, frame.gain
+        self._dtype, self._gain, self._offset = frame.pixels.dtype, frame.gain, frame.offset
         self._track = track
 
     def update(self, image: Any) -> tuple[bool, tuple[int, int, int, int]]:
@@ -300,7 +302,7 @@ class TrackerHS:
         if image is None or (isinstance(image, np.ndarray) and image.size == 0):
             return None
         same_kind = isinstance(image, np.ndarray) and image.dtype == self._dtype
-        frame = as_frame(image, self._gain if same_kind else None)
+        frame = as_frame(image, self._gain, self._offset) if same_kind else as_frame(image)
         if frame.pixels.shape != self._shape:
             height, width, channels = self._shape
             raise InputError(

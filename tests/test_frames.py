@@ -7,8 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from hs_tracker_cv.frames import InputError, as_frame, as_roi, crop, to_gray
+from hs_tracker_cv.frames import InputError, as_frame, as_roi, crop, to_gray, value_range
 from hs_tracker_cv.geometry import Box
 
 
@@ -161,3 +162,71 @@ def test_blocks_beyond_the_frame_are_those_of_the_repeated_border(start: tuple[i
     cut = crop(as_frame(pixels), x0, y0, size[0] * step, size[1] * step, step=step)
     np.testing.assert_array_equal(cut, wanted)
     assert cut.flags.c_contiguous
+
+
+def _scene(seed: int = 3) -> NDArray[np.float64]:
+    """A gray picture of 20 to 235."""
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((60, 80)), (0, 0), 2.0)
+    return np.asarray(cv2.normalize(noise, None, 20.0, 235.0, cv2.NORM_MINMAX), np.float64)
+
+
+DEEP = {
+    "10 bits": (np.uint16, 4.0, 0.0),
+    "12 bits": (np.uint16, 16.0, 0.0),
+    "14 bits": (np.uint16, 64.0, 0.0),
+    "thermal": (np.uint16, 4.0, 7300.0),
+    "thermal, big-endian": (np.dtype(">u2"), 4.0, 7300.0),
+    "kelvin": (np.float32, 0.1, 280.0),
+    "counts": (np.float64, 16.0, 0.0),
+    "signed": (np.float32, 4.0, -500.0),
+}
+"""Cameras whose values fill little of their type: dtype, units per gray level, units of black."""
+
+
+@pytest.mark.parametrize(("dtype", "units", "black"), DEEP.values(), ids=DEEP)
+def test_the_range_of_deep_frames_is_taken_from_them(dtype: Any, units: float, black: float) -> None:
+    """Two thirds of the contrast of the same picture in bytes at least, nothing cut off, and room for more."""
+    picture = _scene()
+    window = crop(as_frame((picture * units + black).astype(dtype)), 0, 0, 80, 60)[:, :, 0]
+    assert 0.0 < window.min()
+    assert window.max() < 255.0
+    assert window.max() - window.min() > 0.66 * np.ptp(picture)
+    assert np.corrcoef(window.ravel(), picture.ravel())[0, 1] > 0.999
+
+
+@pytest.mark.parametrize(("dtype", "low", "high"), [(np.uint16, 0, 65535), (np.float32, np.nan, np.inf)])
+def test_dead_pixels_do_not_set_the_range(dtype: Any, low: float, high: float) -> None:
+    """A few pixels at the ends of the sensor, or without a number, leave the contrast of the others."""
+    deep = (_scene() * 4 + 7300).astype(dtype)
+    clean = crop(as_frame(deep), 0, 0, 80, 60)
+    deep[10, 10], deep[20, 30], deep[40, 70] = low, high, high
+    window = crop(as_frame(deep), 0, 0, 80, 60)
+    assert np.median(np.abs(window - clean)) < 3.0
+    assert np.isfinite(window).all()
+    assert window.min() >= 0.0
+    assert window.max() <= 255.0
+
+
+def test_full_16_bits_keep_their_scale() -> None:
+    """A frame that fills the type is read as before: 257 steps are one gray level, however bright the frame."""
+    deep = (_scene() * 257).astype(np.uint16)
+    assert as_frame(deep).gain == 255.0 / 65535.0
+    assert as_frame(deep).offset == 0.0
+
+
+def test_one_step_of_a_sensor_is_at_most_one_gray_level() -> None:
+    """The noise of a black frame is not stretched to a picture."""
+    dark = np.random.default_rng(0).integers(0, 12, (40, 50)).astype(np.uint16)
+    assert crop(as_frame(dark), 0, 0, 50, 40).max() <= 11.0
+
+
+@pytest.mark.parametrize("gain", [0.25, 0.05])
+def test_a_gain_asked_for_is_used(gain: float) -> None:
+    """The offset follows: none where all values fit, the middle of the values where they do not."""
+    deep = (_scene() * 4 + 7300).astype(np.uint16)
+    got, offset = value_range(deep[:, :, None], gain)
+    window = crop(as_frame(deep, got, offset), 0, 0, 80, 60)
+    assert got == gain
+    assert window.max() - window.min() == pytest.approx(gain * np.ptp(deep.astype(float)), rel=0.02)
+    assert (window.max() + window.min()) / 2 == pytest.approx(127.5, abs=2.0)
+    assert value_range((_scene() * 4).astype(np.uint16)[:, :, None], 0.2) == (0.2, 0.0)

@@ -234,10 +234,10 @@ def _gray_pair(first: Any, second: Any, gain: float | None) -> tuple[Gray, Gray]
         if gain == 1.0 and first.size and second.size:
             return first, second
     frames = as_frame(first, gain), as_frame(second, gain)
-    if gain is None and frames[0].pixels.dtype.kind == "f":
+    if gain is None and frames[0].pixels.dtype == frames[1].pixels.dtype != np.uint8:
         # One bright frame tells the range of both.
-        gain = min(frame.gain for frame in frames)
-        frames = as_frame(first, gain), as_frame(second, gain)
+        wider = min(frames, key=lambda frame: frame.gain)
+        frames = as_frame(first, wider.gain, wider.offset), as_frame(second, wider.gain, wider.offset)
     one, two = (to_gray(crop(frame, 0, 0, frame.width, frame.height)) for frame in frames)
     return one, two
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -43,7 +44,7 @@ class View:
         fine = geometry.fine_step * min(pose.sx, pose.sy)
         # Thinning the pixels keeps the cost of a large object that of a small one: two reads a sample remain.
         self._thin = max(1, int(fine / 2.0))
-        self._frame = Frame(frame.pixels[:: self._thin, :: self._thin], frame.gain)
+        self._frame = replace(frame, pixels=frame.pixels[:: self._thin, :: self._thin])
         self._geometry = geometry
         self._templates = templates
         self._seen: dict[Pose, Patch] = {}
