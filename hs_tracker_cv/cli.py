@@ -7,7 +7,6 @@ command that cannot be meant, 1 for input or output that fails, 130 for Ctrl-C; 
 from __future__ import annotations
 
 import contextlib
-import csv
 import io
 import itertools
 import os
@@ -19,27 +18,25 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import cv2
 import numpy as np
 import tyro
 
-from .detection import FirstMover
-from .display import FlowFields, draw_box, render_panels
+from .display import draw_box, render_panels
+from .following import Step, steps, write_header, write_row
 from .frames import InputError, as_frame, as_roi
 from .geometry import Box
-from .tracker import TrackerHS
 from .video import VideoError, VideoSink, VideoSource, open_source
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-__all__ = ["Options", "Step", "main", "steps"]
+__all__ = ["Options", "main"]
 
 PROGRAM = "hs-track"
 USAGE, FAILURE, INTERRUPTED = 2, 1, 130
-COLUMNS = ("frame", "x", "y", "w", "h", "ok", "score")
 
 Kind = TypeVar("Kind")
 
@@ -101,36 +98,6 @@ class AppOptions:
     video: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")] = ""
     port: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     no_show: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
-
-
-@dataclass(frozen=True)
-class Step:
-    """One frame and what is known after it.
-
-    Parameters
-    ----------
-    index : int
-        From 0.
-    frame : ndarray
-    box : Box or None
-        None while there is no object, or it is lost.
-    state : str
-        "searching" before the first object, then the tracker's state.
-    score : float
-        0 to 1.
-    fields : FlowFields or None
-        What there is to show in the panels.
-    seconds : float
-        Time of the tracker's update; 0 for other frames.
-    """
-
-    index: int
-    frame: Any
-    box: Box | None
-    state: str
-    score: float
-    fields: FlowFields | None
-    seconds: float = 0.0
 
 
 @dataclass
@@ -278,9 +245,9 @@ def _follow(source: VideoSource, roi: Box | None, options: Options) -> int:
             table = stack.enter_context(boxes.open("w", newline="", encoding="utf-8"))
             progress = stack.enter_context(_progress())
             task = progress.add_task(source.name, total=_total(source, options))
-            csv.writer(table).writerow(COLUMNS)
+            write_header(table)
             for step in steps(source.frames, roi, show=panels is not None, max_frames=options.max_frames):
-                _write_row(table, step)
+                write_row(table, step)
                 tally.add(step)
                 overlay_sink.write(draw_box(step.frame, step.box, **_labels(step)))
                 if panel_sink is not None:
@@ -327,72 +294,9 @@ def _progress() -> Progress:
     )
 
 
-def steps(
-    frames: Iterator[Any], roi: Box | None, *, show: bool = False, max_frames: int | None = None, first: int = 0
-) -> Iterator[Step]:
-    """Follow an object through frames.
-
-    Parameters
-    ----------
-    frames : iterator of ndarray
-    roi : Box or None
-        The object in the first frame; None waits for the first that moves.
-    show : bool
-        Also give what the panels need, which costs a little.
-    max_frames : int, optional
-        Stop after so many.
-    first : int
-        Index of the first frame.
-
-    Yields
-    ------
-    Step
-        One per frame.
-
-    Raises
-    ------
-    VideoError
-        Where the source breaks.
-    InputError
-        If a frame or the ROI cannot be used.
-    """
-    tracker, mover = TrackerHS(), FirstMover()
-    for index, frame in enumerate(frames, first):
-        if tracker.initialised:
-            yield _updated(tracker, index, frame, show)
-        else:
-            region = None if roi is not None else mover.update(frame)
-            box = roi if region is None else region.box
-            if box is None:
-                yield Step(index, frame, None, "searching", 0.0, mover.fields if show else None)
-            else:
-                tracker.init(frame, box)
-                yield Step(index, frame, tracker.box, "tracking", tracker.getTrackingScore(), mover.fields)
-        if max_frames is not None and index - first + 1 >= max_frames:
-            return
-
-
-def _updated(tracker: TrackerHS, index: int, frame: Any, show: bool) -> Step:
-    started = time.perf_counter()
-    ok, _ = tracker.update(frame)
-    seconds = time.perf_counter() - started
-    box = tracker.box if ok else None
-    return Step(
-        index, frame, box, tracker.state, tracker.getTrackingScore(), tracker.debug() if show else None, seconds
-    )
-
-
 def _labels(step: Step) -> dict[str, Any]:
     score = None if step.state == "searching" else step.score
     return {"state": step.state, "score": score, "note": f"frame {step.index}"}
-
-
-def _write_row(table: TextIO, step: Step) -> None:
-    """Write one row, at once: a run that is killed leaves every box it has found."""
-    box = step.box if step.box is not None else Box(0.0, 0.0, 0.0, 0.0)
-    sides = (f"{value:.2f}" for value in box)
-    csv.writer(table).writerow((step.index, *sides, int(step.box is not None), f"{step.score:.3f}"))
-    table.flush()
 
 
 def _summarise(name: str, tally: _Tally, written: list[Path], code: int) -> None:

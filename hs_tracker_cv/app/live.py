@@ -10,8 +10,8 @@ from typing import Any
 
 from nicegui import events, run, ui
 
-from ..cli import Step, steps
 from ..display import draw_box, render_panels
+from ..following import Step, steps
 from ..frames import InputError
 from ..geometry import Box
 from ..video import VideoError, VideoSource
