@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv import app, cli, video
+from hs_tracker_cv import app, cli, following, video
 from hs_tracker_cv.geometry import Box, iou
 from hs_tracker_cv.video import VideoSink, open_source
 
@@ -373,7 +373,7 @@ def test_a_lost_object_is_seen_and_counted(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Lost frames have a red border in the video, ok=0 and a zero box in the CSV, and are counted at the end."""
-    monkeypatch.setattr(cli, "TrackerHS", _LostTracker)
+    monkeypatch.setattr(following, "TrackerHS", _LostTracker)
     _write(here / "in.mkv", _square(3)[0])
     assert cli.main(["in.mkv", "--roi", "40,40,36,36", "--out", "o.mkv"]) == 0
     first, second, _ = open_source(here / "o.mkv").frames
