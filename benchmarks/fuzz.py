@@ -12,6 +12,7 @@ examples by the code that they reach, until something fails or libFuzzer's optio
 from __future__ import annotations
 
 import argparse
+import importlib
 import importlib.util
 import os
 import re
@@ -35,8 +36,9 @@ TARGETS = {
     "rois": f"{_ROBUSTNESS}test_any_roi_starts_a_track_or_is_an_input_error",
     "numbers": f"{_ROBUSTNESS}test_rois_of_four_numbers_are_taken_exactly_when_enough_is_inside",
     "first": f"{_ROBUSTNESS}test_init_takes_frames_and_refuses_all_else",
+    "tracks": "tests/test_robustness_tracks.py::test_every_frame_of_every_story_is_answered",
 }
-"""Calls in any order; any object mid-track; any ROI; any four numbers as ROI; any first frame."""
+"""Calls in any order; any object mid-track; any ROI; any four numbers as ROI; any first frame; any track."""
 
 EXAMPLES = 10_000
 BATCH = 1000
@@ -133,7 +135,8 @@ def guided_target(name: str) -> Callable[[bytes], object]:
     if name == "calls":
         test: Any = get_state_machine_test(Twins, settings=robustness.examples(1))
     else:
-        test = getattr(robustness, TARGETS[name].removeprefix(_ROBUSTNESS))
+        file, _, function = TARGETS[name].partition("::")
+        test = getattr(importlib.import_module(file.removesuffix(".py").replace("/", ".")), function)
     return cast("Callable[[bytes], object]", test.hypothesis.fuzz_one_input)
 
 

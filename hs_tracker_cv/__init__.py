@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from . import legacy
     from .detection import MotionDetector
     from .flow import HornSchunck
     from .frames import InputError
@@ -45,10 +46,13 @@ __all__ = [
     "TrackerHS_Params",
     "TrackerHS_create",
     "__version__",
+    "legacy",
 ]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "legacy":
+        return import_module(".legacy", __name__)
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f".{_HOMES[name]}", __name__), name)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .flow import HornSchunck, derivatives, normal_flow
-from .frames import MIN_SIDE, InputError, as_frame, crop, to_gray
+from .frames import MIN_SIDE, as_pair, crop, fixed_errstate, to_gray
 from .geometry import Box, iou
 
 __all__ = ["DetectionFields", "DetectorParams", "FirstMover", "MotionDetector", "Region"]
@@ -173,6 +173,7 @@ class MotionDetector:
         """
         return self.regions(self.fields(prev, curr))
 
+    @fixed_errstate
     def regions(self, fields: DetectionFields) -> list[Region]:
         """Regions of what :meth:`fields` has computed, the largest first; under 4 px there is nothing to track."""
         parts = _components(fields.mask, self._smallest(fields.mask))
@@ -180,6 +181,7 @@ class MotionDetector:
         wide = [region for region in regions if min(region.box.w, region.box.h) >= MIN_SIDE]
         return sorted(wide, key=lambda region: region.area, reverse=True)
 
+    @fixed_errstate
     def fields(self, prev: Any, curr: Any) -> DetectionFields:
         """Every intermediate result of :meth:`detect`, on the lattice.
 
@@ -193,14 +195,7 @@ class MotionDetector:
         InputError
             As detect.
         """
-        before = as_frame(prev)
-        alike = isinstance(curr, np.ndarray) and curr.dtype == before.pixels.dtype
-        after = as_frame(curr, before.gain, before.offset) if alike else as_frame(curr)
-        if (before.height, before.width) != (after.height, after.width):
-            raise InputError(
-                f"expected two frames of one size, got {before.width} × {before.height} "
-                f"and {after.width} × {after.height}"
-            )
+        before, after = as_pair(prev, curr)
         step = max(1.0, max(after.width, after.height) / self.params.max_side)
         size = (max(round(after.width / step), 1), max(round(after.height / step), 1))
         planes = [_lattice(frame, size, self.params.smoothing) for frame in (before, after)]

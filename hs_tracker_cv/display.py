@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .frames import as_frame, crop
+from .frames import as_frame, crop, fixed_errstate
 from .geometry import Box
 
 __all__ = ["FlowFields", "draw_box", "flow_colours", "nice_scale", "render_panels", "signed_colours"]
@@ -88,6 +88,7 @@ class FlowFields(Protocol):
         """Pixels that belong to the object, (h, w); None where the step has found none."""
 
 
+@fixed_errstate
 def draw_box(
     image: Any, box: Box | None, *, state: str = "tracking", score: float | None = None, note: str = ""
 ) -> Picture:
@@ -249,6 +250,7 @@ def flow_colours(flow: NDArray[Any], scale: float) -> Picture:
     return np.asarray(np.rint(np.clip(colour, 0.0, 1.0) * 255.0), dtype=np.uint8)
 
 
+@fixed_errstate
 def render_panels(
     image: Any,
     fields: FlowFields | None,

@@ -6,9 +6,11 @@ it are float32 copies of our own. So the cost is the window's, whatever the size
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import cv2
 import numpy as np
@@ -16,16 +18,38 @@ from numpy.typing import NDArray
 
 from .geometry import Box
 
-__all__ = ["MIN_SIDE", "Frame", "InputError", "as_frame", "as_roi", "crop", "to_gray", "value_range"]
+__all__ = [
+    "MIN_SIDE",
+    "Frame",
+    "InputError",
+    "VideoFormat",
+    "as_frame",
+    "as_pair",
+    "as_roi",
+    "crop",
+    "downloaded",
+    "fixed_errstate",
+    "is_dropped",
+    "next_frame",
+    "to_gray",
+]
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 MIN_SIDE = 4.0
 """Smallest side of a region of interest, px: less holds no gradient to follow."""
+
+_ROUNDING = 1e-6
+"""What a side may lose in the arithmetic of its edges, px."""
 
 _LONGEST = 200
 """Characters of a bad value that a message repeats."""
 
 HEADROOM = 0.25
 """Room left for later frames of a track, above and below the values of the first one, as a share of their spread."""
+_PART = 100_000
+"""Values that are searched at once for the range of a float frame."""
 
 _BGR_TO_GRAY = np.array([[0.114, 0.587, 0.299]], np.float32)
 _DEEP = 65535.0
@@ -67,8 +91,58 @@ class Frame:
         """1 (gray) or 3 (BGR)."""
         return int(self.pixels.shape[2])
 
+    @property
+    def format(self) -> VideoFormat:
+        """What the other frames of its video must be like."""
+        return VideoFormat(self.height, self.width, self.channels, _native(self.pixels), self.gain, self.offset)
 
-def as_frame(image: Any, gain: float | None = None, offset: float = 0.0) -> Frame:
+
+class VideoFormat(NamedTuple):
+    """What all frames of one video have in common.
+
+    Parameters
+    ----------
+    height, width, channels : int
+        Channels: 1 (gray) or 3 (BGR).
+    dtype : numpy.dtype
+        In the byte order of this machine.
+    gain, offset : float
+        Range of the first frame, which holds for all frames of this dtype: one dark frame does not change the scale.
+    """
+
+    height: int
+    width: int
+    channels: int
+    dtype: np.dtype[Any]
+    gain: float
+    offset: float
+
+
+def fixed_errstate(call: Callable[P, R]) -> Callable[P, R]:
+    """Make a public function independent of the caller's ``np.seterr`` and of warnings made errors.
+
+    Values out of range are expected in frames and what is computed from them, and are dealt with where they matter.
+    """
+
+    @functools.wraps(call)
+    def independent(*args: P.args, **kwargs: P.kwargs) -> R:
+        with np.errstate(all="ignore"):
+            return call(*args, **kwargs)
+
+    return independent
+
+
+def downloaded(image: Any) -> Any:
+    """Return the ndarray behind a ``cv2.UMat``; anything else as it is."""
+    return image.get() if isinstance(image, cv2.UMat) else image
+
+
+def is_dropped(image: Any) -> bool:
+    """Tell whether this is what a reader gives for a frame it could not read: None, or an image without pixels."""
+    return image is None or (isinstance(image, np.ndarray) and image.size == 0)
+
+
+def as_frame(image: Any, gain: float | None = None) -> Frame:
     """Check an image and return a view of it.
 
     Parameters
@@ -78,8 +152,8 @@ def as_frame(image: Any, gain: float | None = None, offset: float = 0.0) -> Fram
         type. Float images are read as 0–1 when no value exceeds 1, else as 0–255. Where the values do not fit that
         or fill less than a quarter of 16 bits (cameras of 10, 12 and 14 bits, thermal cameras), the range is that
         of the image, with headroom.
-    gain, offset : float, optional
-        Range of the first frame of a track, so that one dark frame does not change the scale.
+    gain : float, optional
+        Gray levels per unit, instead of that rule; see :func:`value_range`.
 
     Returns
     -------
@@ -90,8 +164,58 @@ def as_frame(image: Any, gain: float | None = None, offset: float = 0.0) -> Fram
     InputError
         If the image is None, empty, of another type, shape or dtype.
     """
-    if isinstance(image, cv2.UMat):
-        image = image.get()
+    pixels = _checked(image)
+    return Frame(pixels, *value_range(pixels, gain))
+
+
+def as_pair(first: Any, second: Any, gain: float | None = None) -> tuple[Frame, Frame]:
+    """Check two frames of one video: of one size, and of one range where they are of one dtype.
+
+    Sizes are compared before any pixel is read.
+
+    Parameters
+    ----------
+    first, second : ndarray or cv2.UMat
+    gain : float, optional
+        Gray levels per unit, instead of what the frames tell.
+
+    Raises
+    ------
+    InputError
+        If a frame cannot be used or the sizes differ.
+    """
+    before, after = _checked(first), _checked(second)
+    if before.shape[:2] != after.shape[:2]:
+        raise InputError(f"expected two frames of one size, got {_size(before)} and {_size(after)}")
+    if gain is not None:
+        return Frame(before, gain), Frame(after, gain)
+    ranges = [value_range(pixels) for pixels in (before, after)]
+    if _native(before) == _native(after):
+        ranges = [min(ranges)] * 2  # one bright frame tells the range of both
+    return Frame(before, *ranges[0]), Frame(after, *ranges[1])
+
+
+def next_frame(image: Any, video: VideoFormat) -> Frame:
+    """Check the next frame of a video; its size is compared before any pixel is read.
+
+    Raises
+    ------
+    InputError
+        If the image cannot be used, or is of another size or number of channels.
+    """
+    pixels = _checked(image)
+    if pixels.shape != (video.height, video.width, video.channels):
+        raise InputError(
+            f"expected a {video.width} × {video.height} frame of {video.channels} channel(s) as given to init, got "
+            f"{_size(pixels)} of {pixels.shape[2]}; call init again for another video"
+        )
+    alike = _native(pixels) == video.dtype
+    return Frame(pixels, *((video.gain, video.offset) if alike else value_range(pixels)))
+
+
+def _checked(image: Any) -> NDArray[Any]:
+    """View (H, W, 1 or 3) of an image."""
+    image = downloaded(image)
     if not isinstance(image, np.ndarray):
         raise InputError(f"expected an image (ndarray or cv2.UMat), got {type(image).__name__}")
     image = np.asarray(image)  # a plain view: np.matrix and its like index in ways of their own
@@ -103,8 +227,17 @@ def as_frame(image: Any, gain: float | None = None, offset: float = 0.0) -> Fram
         raise InputError(f"expected a non-empty frame, got shape {image.shape}")
     if image.dtype.kind != "f" and not (image.dtype.kind == "u" and image.dtype.itemsize <= 2):
         raise InputError(f"expected a uint8, uint16 or float frame, got dtype {image.dtype}")
-    pixels = image[:, :, :3] if image.shape[2] == 4 else image
-    return Frame(pixels, *(value_range(pixels) if gain is None else (gain, offset)))
+    pixels: NDArray[Any] = image[:, :, :3] if image.shape[2] == 4 else image
+    return pixels
+
+
+def _size(pixels: NDArray[Any]) -> str:
+    return f"{pixels.shape[1]} × {pixels.shape[0]}"
+
+
+def _native(pixels: NDArray[Any]) -> np.dtype[Any]:
+    """Dtype in the byte order of this machine: files of big-endian numbers are read as such."""
+    return pixels.dtype.newbyteorder("=")
 
 
 def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float, float]:
@@ -131,7 +264,7 @@ def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float,
     if pixels.dtype.kind == "u":
         whole, finest, fits = _DEEP, 1.0, spread > _DEEP / 4.0  # a gray level is no less than a step of the sensor
     else:
-        whole, finest = (1.0 if _highest(pixels) <= 1.0 else 255.0), math.inf
+        whole, finest = (255.0 if _exceeds_one(pixels) else 1.0), math.inf
         # What filters overshoot by does not change the scale.
         fits = max(-low, 0.0) + max(high - whole, 0.0) <= spread / 4.0
     if fits or spread == 0.0:
@@ -140,16 +273,17 @@ def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float,
     return min(255.0 / (high + HEADROOM * spread - first), finest), first
 
 
-def _highest(pixels: NDArray[Any]) -> float:
-    finite = pixels[np.isfinite(pixels)]
-    return float(finite.max()) if finite.size else 0.0
+def _exceeds_one(pixels: NDArray[Any]) -> bool:
+    """Tell whether a finite value is above 1; in parts: no copy of the frame, and the first such value ends it."""
+    rows = max(_PART // pixels[0].size, 1)
+    parts = (pixels[top : top + rows] for top in range(0, len(pixels), rows))
+    return any(bool(((part > 1.0) & (part < np.inf)).any()) for part in parts)
 
 
 def _extremes(pixels: NDArray[Any]) -> tuple[float, float]:
     """Lowest and highest value, those of single dead or hot pixels and what is no number apart; 0, 0 of none."""
     step = max(1, round((pixels.size / _SAMPLE) ** 0.5))
-    with np.errstate(over="ignore", invalid="ignore"):
-        sample = np.ascontiguousarray(pixels[::step, ::step], np.float32)
+    sample = np.ascontiguousarray(pixels[::step, ::step], np.float32)
     finite = np.isfinite(sample)
     if not finite.any():
         return 0.0, 0.0
@@ -190,7 +324,7 @@ def as_roi(bounding_box: Any, frame: Frame) -> Box:
             f"expected a boundingBox of at least {MIN_SIDE:g} × {MIN_SIDE:g} px, got {_shown(bounding_box)}"
         )
     inside = box.clip(frame.width, frame.height)
-    if inside.w < MIN_SIDE or inside.h < MIN_SIDE:
+    if min(inside.w, inside.h) < MIN_SIDE - _ROUNDING:
         raise InputError(
             f"expected a boundingBox with at least {MIN_SIDE:g} × {MIN_SIDE:g} px inside the "
             f"{frame.width} × {frame.height} frame, got {_shown(bounding_box)}"
@@ -206,9 +340,7 @@ def _four_numbers(values: Any) -> NDArray[np.float64] | None:
             return None
         if array.dtype.kind == "O" and any(isinstance(value, str | bytes | complex) for value in array):
             return None
-        # A long double beyond float64 becomes infinite, which is refused as such, and no warning.
-        with np.errstate(over="ignore"):
-            return array.astype(np.float64)
+        return array.astype(np.float64)  # a long double beyond float64 becomes infinite, which is refused as such
     except Exception:  # an object of the caller's may raise anything when it is asked for numbers
         return None
 
@@ -280,13 +412,11 @@ def _alike(start: int, count: int, step: int, limit: int) -> tuple[int, int]:
 
 
 def _as_float(part: NDArray[Any], gain: float, offset: float) -> NDArray[np.float32]:
-    # Values beyond float32 become infinite, and infinite ones black below.
-    with np.errstate(over="ignore", invalid="ignore"):
-        values = part.astype(np.float32)
-        if offset != 0.0:
-            values -= np.float32(offset)
-        if gain != 1.0:
-            values *= np.float32(gain)
+    values = part.astype(np.float32)  # values beyond float32 become infinite, and infinite ones black below
+    if offset != 0.0:
+        values -= np.float32(offset)
+    if gain != 1.0:
+        values *= np.float32(gain)
     if part.dtype.kind == "f":
         np.nan_to_num(values, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
     if part.dtype != np.uint8:

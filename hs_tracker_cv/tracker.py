@@ -9,14 +9,23 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from . import layers, propagation, sighting
 from .choice import WITNESS_FRAMES, Choice, judge, size_difference
 from .flow import derivatives, normal_flow
-from .frames import Frame, InputError, as_frame, as_roi, value_range
+from .frames import (
+    Frame,
+    InputError,
+    VideoFormat,
+    as_frame,
+    as_roi,
+    downloaded,
+    fixed_errstate,
+    is_dropped,
+    next_frame,
+)
 from .geometry import Box, iou
 from .layers import LayersReport, LayersState
 from .params import TrackerHS_Params
@@ -103,18 +112,21 @@ class _Seen:
     def of(cls, frame: Frame, box: Box) -> _Seen:
         window = box.grown(SEEN_MARGIN).clip(frame.width, frame.height)
         x0, y0 = int(window.x), int(window.y)
-        return cls(x0, y0, frame.pixels[y0 : int(window.bottom) + 1, x0 : int(window.right) + 1].copy())
+        part = frame.pixels[y0 : int(window.bottom) + 1, x0 : int(window.right) + 1]
+        # In the byte order in which a pickle gives it back.
+        return cls(x0, y0, part.astype(frame.format.dtype))
 
     def again(self, frame: Frame) -> bool:
         height, width = self.pixels.shape[:2]
         part = frame.pixels[self.y0 : self.y0 + height, self.x0 : self.x0 + width]
-        return part.dtype == self.pixels.dtype and np.array_equal(part, self.pixels)
+        return frame.format.dtype == self.pixels.dtype and np.array_equal(part, self.pixels)
 
 
 @dataclass(frozen=True)
 class _Track:
     """All that is known of the target after one frame."""
 
+    video: VideoFormat
     layers: layers.LayersState | None
     propagation: propagation.PropagationState | None
     choice: Choice
@@ -154,9 +166,6 @@ class TrackerHS:
 
     def __init__(self, parameters: TrackerHS_Params | None = None) -> None:
         self._parameters = TrackerHS_Params.from_dict((parameters or TrackerHS_Params()).to_dict())
-        self._shape = (0, 0, 0)
-        self._dtype: np.dtype[Any] | None = None
-        self._gain, self._offset = 1.0, 0.0
         self._track: _Track | None = None
 
     @classmethod
@@ -164,6 +173,7 @@ class TrackerHS:
         """Return a new tracker, as ``cv2.TrackerCSRT.create`` does."""
         return cls(parameters)
 
+    @fixed_errstate
     def init(self, image: Any, boundingBox: Any) -> None:
         """Start tracking what is inside a box; whatever was tracked before is forgotten.
 
@@ -182,13 +192,12 @@ class TrackerHS:
             uninitialised.
         """
         self._track = None
-        frame = as_frame(image)
-        if self._parameters.gain is not None:
-            frame = as_frame(image, *value_range(frame.pixels, self._parameters.gain))
+        frame = as_frame(image, self._parameters.gain)
         box = as_roi(boundingBox, frame)
         mode = self._parameters.mode
         options = replace(PROPAGATION, rotation=True) if self._parameters.rotation else PROPAGATION
-        track = _Track(
+        self._track = _Track(
+            video=frame.format,
             layers=None if mode == "propagation" else layers.start(frame, box, LAYERS),
             propagation=None if mode == "layers" else propagation.start(frame, box, options),
             choice=Choice(trusted=mode != "propagation"),
@@ -196,10 +205,8 @@ class TrackerHS:
             options=options,
             first=_Seen.of(frame, box),
         )
-        self._shape = frame.pixels.shape
-        self._dtype, self._gain, self._offset = frame.pixels.dtype, frame.gain, frame.offset
-        self._track = track
 
+    @fixed_errstate
     def update(self, image: Any) -> tuple[bool, tuple[int, int, int, int]]:
         """Find the object in the next frame.
 
@@ -223,15 +230,15 @@ class TrackerHS:
             Before a successful `init`, or for an image that cannot belong to the same video; the track is
             as if the call had not been made.
         """
-        frame = self._frame(image)
-        if self._track is None or frame is None:
+        track = _started(self._track)
+        frame = _next(track, image)
+        if frame is None:
             return False, NOWHERE
-        if self._track.first is None or not self._track.first.again(frame):
-            self._track = _advance(self._track, frame)
-        if self._track.state != "tracking":
-            return False, NOWHERE
-        return True, self._track.box.rounded()
+        if track.first is None or not track.first.again(frame):
+            track = self._track = _advance(track, frame)
+        return (True, track.box.rounded()) if track.state == "tracking" else (False, NOWHERE)
 
+    @fixed_errstate
     def check(self, image: Any) -> None:
         """Raise what `update` would raise for an image; nothing changes.
 
@@ -240,7 +247,7 @@ class TrackerHS:
         InputError
             As :meth:`update` does.
         """
-        self._frame(image)
+        _next(_started(self._track), image)
 
     def getTrackingScore(self) -> float:
         """Confidence in the last answer, in [0, 1]; 0 before a successful `init`."""
@@ -266,6 +273,7 @@ class TrackerHS:
         """``"tracking"``, ``"occluded"`` or ``"lost"``; ``"uninitialised"`` before a successful `init`."""
         return self._track.state if self._track else "uninitialised"
 
+    @fixed_errstate
     def debug(self) -> TrackerDebug:
         """What the last update saw and thought.
 
@@ -293,23 +301,17 @@ class TrackerHS:
             choice=track.choice,
         )
 
-    def _frame(self, image: Any) -> Frame | None:
-        """Check that an image can be the next frame of this video; None for a frame that was dropped."""
-        if self._track is None:
-            raise InputError("update needs a successful init first")
-        if isinstance(image, cv2.UMat):
-            image = image.get()
-        if image is None or (isinstance(image, np.ndarray) and image.size == 0):
-            return None
-        same_kind = isinstance(image, np.ndarray) and image.dtype == self._dtype
-        frame = as_frame(image, self._gain, self._offset) if same_kind else as_frame(image)
-        if frame.pixels.shape != self._shape:
-            height, width, channels = self._shape
-            raise InputError(
-                f"expected a {width} × {height} frame of {channels} channel(s) as given to init, got "
-                f"{frame.width} × {frame.height} of {frame.channels}; call init again for another video"
-            )
-        return frame
+
+def _started(track: _Track | None) -> _Track:
+    if track is None:
+        raise InputError("update needs a successful init first")
+    return track
+
+
+def _next(track: _Track, image: Any) -> Frame | None:
+    """Check that an image can be the next frame of this video; None for a frame that was dropped."""
+    image = downloaded(image)
+    return None if is_dropped(image) else next_frame(image, track.video)
 
 
 def _advance(track: _Track, frame: Frame) -> _Track:
@@ -320,6 +322,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
         carried, choice = _choose(track, segmented, carried, choice, frame)
     report = _followed(segmented, carried, choice).report
     advanced = _Track(
+        video=track.video,
         layers=segmented,
         propagation=carried,
         choice=choice,

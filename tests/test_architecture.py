@@ -44,6 +44,23 @@ def test_importing_the_library_imports_no_compiler() -> None:
     assert answer.stdout.strip() == "[]"
 
 
+def test_legacy_is_there_after_importing_the_package_alone() -> None:
+    """As ``cv2.legacy`` is after ``import cv2``; and it costs nothing before it is used."""
+    code = (
+        "import hs_tracker_cv, sys; before = 'hs_tracker_cv.legacy' in sys.modules;"
+        "print(before, hs_tracker_cv.legacy.TrackerHS_create().update(None))"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert answer.stdout.strip() == "False (False, (0.0, 0.0, 0.0, 0.0))"
+
+
+def test_one_place_says_what_becomes_of_floating_point_errors() -> None:
+    """Public functions share one rule; inside, nothing else is said of ``np.errstate``."""
+    rooms = (ROOT / "hs_tracker_cv").rglob("*.py")
+    told = [path.name for path in rooms if "np.errstate" in path.read_text(encoding="utf-8")]
+    assert told == ["frames.py"]
+
+
 def test_every_public_name_exists() -> None:
     """The lazy table and the modules agree."""
     import hs_tracker_cv

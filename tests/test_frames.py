@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv.frames import InputError, as_frame, as_roi, crop, to_gray, value_range
+from hs_tracker_cv.frames import InputError, as_frame, as_pair, as_roi, crop, next_frame, to_gray, value_range
 from hs_tracker_cv.geometry import Box
 
 
@@ -67,12 +67,52 @@ def test_bad_frames_are_named(image: Any, message: str) -> None:
     assert isinstance(caught.value, ValueError)
 
 
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.longdouble, ">f4"])
+@pytest.mark.parametrize(
+    ("value", "gain"), [(0.5, 255.0), (1.0, 255.0), (1.5, 1.0), (np.nan, 255.0), (np.inf, 255.0)]
+)
+def test_one_value_anywhere_tells_the_range_of_a_float_frame(dtype: Any, value: float, gain: float) -> None:
+    """The range is that of all finite values, the last row of a large frame included."""
+    image = np.full((700, 300), 0.25, dtype)
+    assert as_frame(image).gain == 255.0
+    image[-1, -1] = value
+    assert as_frame(image).gain == gain
+
+
+def test_two_frames_of_one_video_have_one_range() -> None:
+    """A dark float frame is read like the bright one beside it; whole numbers have a range of their own."""
+    dark, bright = np.full((5, 6), 0.5), np.full((5, 6), 200.0)
+    assert [frame.gain for frame in as_pair(dark, bright)] == [1.0, 1.0]
+    assert [frame.gain for frame in as_pair(bright, dark)] == [1.0, 1.0]
+    assert [frame.gain for frame in as_pair(dark, dark)] == [255.0, 255.0]
+    assert [frame.gain for frame in as_pair(dark, np.zeros((5, 6, 3), np.uint16))] == [255.0, 255.0 / 65535.0]
+    assert [frame.gain for frame in as_pair(dark, bright, 3.0)] == [3.0, 3.0]
+    with pytest.raises(InputError, match="6 × 5 and 5 × 6"):
+        as_pair(dark, dark.T)
+
+
+def test_the_next_frame_is_like_the_first() -> None:
+    """A float frame keeps the range of the first, in any byte order; another size or number of channels is named."""
+    first = as_frame(np.full((5, 6, 3), 0.5, np.float32))
+    for dtype in ("<f4", ">f4"):
+        assert next_frame(np.full((5, 6, 4), 7.0, dtype), first.format).gain == 255.0
+    assert next_frame(np.full((5, 6, 3), 7, np.uint8), first.format).gain == 1.0
+    with pytest.raises(InputError, match=r"expected a 6 × 5 frame of 3 channel\(s\).*got 5 × 6 of 1"):
+        next_frame(np.zeros((6, 5)), first.format)
+
+
 @pytest.mark.parametrize(
     "roi", [(2, 3, 10, 8), [2.0, 3.0, 10.0, 8.0], np.array([2, 3, 10, 8]), tuple(np.array([2, 3, 10, 8], np.int16))]
 )
 def test_rois_of_any_numeric_kind(roi: Any) -> None:
     """Ints, floats, tuple, list and ndarray mean the same box."""
     assert as_roi(roi, as_frame(np.zeros((20, 30), np.uint8))) == Box(2, 3, 10, 8)
+
+
+@pytest.mark.parametrize("roi", [(1.0, 4.177935235407831, 4.0, 4.0), (-10.3, 2.0, 14.3, 4.0), (0.1, 16.0, 4.0, 9.0)])
+def test_the_smallest_roi_may_lie_between_pixels(roi: tuple[float, ...]) -> None:
+    """4 × 4 px inside are enough, whatever the arithmetic of edges makes of them."""
+    assert as_roi(roi, as_frame(np.zeros((20, 30), np.uint8))).area == pytest.approx(16.0)
 
 
 def test_roi_partly_outside_is_clipped() -> None:
@@ -224,9 +264,8 @@ def test_one_step_of_a_sensor_is_at_most_one_gray_level() -> None:
 def test_a_gain_asked_for_is_used(gain: float) -> None:
     """The offset follows: none where all values fit, the middle of the values where they do not."""
     deep = (_scene() * 4 + 7300).astype(np.uint16)
-    got, offset = value_range(deep[:, :, None], gain)
-    window = crop(as_frame(deep, got, offset), 0, 0, 80, 60)
-    assert got == gain
+    window = crop(as_frame(deep, gain), 0, 0, 80, 60)
+    assert as_frame(deep, gain).gain == gain
     assert window.max() - window.min() == pytest.approx(gain * np.ptp(deep.astype(float)), rel=0.02)
     assert (window.max() + window.min()) / 2 == pytest.approx(127.5, abs=2.0)
     assert value_range((_scene() * 4).astype(np.uint16)[:, :, None], 0.2) == (0.2, 0.0)

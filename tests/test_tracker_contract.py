@@ -250,6 +250,21 @@ def test_copies_mid_track_go_on_alone(
     assert run(twin, video[0][5:]) == expected
 
 
+@pytest.mark.parametrize("dtype", [">u2", "<u2", ">f4", "<f4", ">f8"])
+@pytest.mark.parametrize("updates", [0, 3])
+def test_frames_of_foreign_byte_order_are_answered_alike_after_a_pickle(
+    video: tuple[Frames, Boxes], dtype: str, updates: int
+) -> None:
+    """A pickle gives arrays back in this machine's byte order: the first frame is known again all the same."""
+    frames = [(frame * (257.0 if "u" in dtype else 1 / 255)).astype(dtype) for frame in video[0][:7]]
+    tracker = TrackerHS_create()
+    tracker.init(frames[0], video[1][0])
+    run(tracker, frames[1 : updates + 1])
+    twin = pickle.loads(pickle.dumps(tracker))
+    for frame in (frames[0], *frames[updates + 1 :]):
+        assert (twin.update(frame), twin.box) == (tracker.update(frame), tracker.box)
+
+
 def test_two_runs_are_equal(video: tuple[Frames, Boxes]) -> None:
     """Nothing is random."""
     assert run(started(video), video[0][1:]) == run(started(video), video[0][1:])

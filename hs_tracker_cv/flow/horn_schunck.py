@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import InputError, as_frame, crop, to_gray
+from ..frames import InputError, as_pair, crop, fixed_errstate, to_gray
 from . import multigrid, pyramid
 from .params import DERIVATIVES, FlowParams
 from .program import area, origin, pixels
@@ -147,6 +147,7 @@ class HornSchunck:
         self._memory = np.zeros(0, np.float32)
         self._previous: Gray | None = None
 
+    @fixed_errstate
     def calc(self, I0: Any, I1: Any, flow: Any = None) -> NDArray[np.float32]:
         """Flow from one frame to the next.
 
@@ -172,6 +173,7 @@ class HornSchunck:
         first, second = _gray_pair(I0, I1, self.params.gain)
         return self._calc(first, second, flow)
 
+    @fixed_errstate
     def estimate(self, frame: Any) -> FlowField:
         """Flow from the frame of the last call to this one; zero at the first call and after :meth:`reset`.
 
@@ -233,11 +235,7 @@ def _gray_pair(first: Any, second: Any, gain: float | None) -> tuple[Gray, Gray]
             gain = 255.0 if first.size and max(first.max(), second.max()) <= 1.0 else 1.0
         if gain == 1.0 and first.size and second.size:
             return first, second
-    frames = as_frame(first, gain), as_frame(second, gain)
-    if gain is None and frames[0].pixels.dtype == frames[1].pixels.dtype != np.uint8:
-        # One bright frame tells the range of both.
-        wider = min(frames, key=lambda frame: frame.gain)
-        frames = as_frame(first, wider.gain, wider.offset), as_frame(second, wider.gain, wider.offset)
+    frames = as_pair(first, second, gain)
     one, two = (to_gray(crop(frame, 0, 0, frame.width, frame.height)) for frame in frames)
     return one, two
 
@@ -249,6 +247,7 @@ def _is_plain(image: Any) -> bool:
     )
 
 
+@fixed_errstate
 def derivatives(I0: Any, I1: Any, derivative: str = "cube") -> tuple[Gray, Gray, Gray]:
     """F_x, F_y and F_t of two frames (step 3 of the paper).
 
@@ -286,6 +285,7 @@ def derivatives(I0: Any, I1: Any, derivative: str = "cube") -> tuple[Gray, Gray,
     return fx, fy, ft
 
 
+@fixed_errstate
 def normal_flow(Fx: NDArray[Any], Fy: NDArray[Any], Ft: NDArray[Any]) -> NDArray[np.float32]:
     """Flow along the gradient, −F_t ∇F / |∇F|²: all that one pixel can know (Horn & Schunck 1981, section 3).
 
