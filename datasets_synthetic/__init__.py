@@ -1,8 +1,12 @@
 """The laboratory: videos whose truth is known exactly because we drew them."""
 
+from .draw import draw, draw_mixed
+from .parameters import parameters
 from .render import render
 from .sequence import Sequence
 from .spec import SequenceSpec
-from .suites import SUITES
+from .suites import SUITES, canonical, suite
 
-__all__ = ["SUITES", "Sequence", "SequenceSpec", "render"]
+__all__ = [
+    "SUITES", "Sequence", "SequenceSpec", "canonical", "draw", "draw_mixed", "parameters", "render", "suite",
+]  # fmt: skip

@@ -15,7 +15,8 @@ from rich.table import Table
 from .export import FORMATS
 from .preview import contact_sheet
 from .render import render
-from .suites import SUITES
+from .suites import SUITES, canonical
+from .suites import suite as specs_of
 
 _FORMAT_NAMES = ", ".join(FORMATS)
 
@@ -38,7 +39,7 @@ def render_suite(
     Parameters
     ----------
     suite
-        Name of the suite; `list` shows them.
+        Name of the suite; `list` shows them. `drawn:N:SEED` and `drawn/THEME:N:SEED` are draws of a distribution.
     out
         Folder to write to; made when missing.
     format
@@ -46,17 +47,20 @@ def render_suite(
     preview
         Also write `preview.png` into each folder: eight frames with the truth drawn in.
     """
-    if suite not in SUITES:
-        _fail(f"no suite {suite!r}; known: {', '.join(SUITES)}")
+    try:
+        suite = canonical(suite)
+    except ValueError as error:
+        _fail(str(error))
     if format not in FORMATS:
         _fail(f"no format {format!r}; known: {_FORMAT_NAMES}")
     console = Console()
-    for spec in track(SUITES[suite], description=f"rendering {suite}", console=console):
+    specs = specs_of(suite)
+    for spec in track(specs, description=f"rendering {suite}", console=console):
         sequence = render(spec)
         folder = FORMATS[format](sequence, out)
         if preview:
             cv2.imwrite(str(folder / "preview.png"), contact_sheet(sequence))
-    console.print(f"{len(SUITES[suite])} sequences of suite {suite} in {out}", highlight=False, markup=False)
+    console.print(f"{len(specs)} sequences of suite {suite} in {out}", highlight=False, markup=False)
 
 
 def list_suites() -> None:

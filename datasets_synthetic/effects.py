@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from .spec import Effect
 
-__all__ = ["EFFECTS", "ORDER", "SURFACE_EFFECTS", "box_blur"]
+__all__ = ["BLANKS", "EFFECTS", "ORDER", "SURFACE_EFFECTS", "box_blur"]
 
 Image = NDArray[np.float32]
 
@@ -48,6 +48,28 @@ def box_blur(field: Image, radius: float) -> Image:
 def flicker(image: Image, effect: Effect, s: float, rng: np.random.Generator) -> Image:
     """Light whose brightness swings by ± `strength`, `cycles` times."""
     return image * np.float32(1.0 + effect.strength * math.sin(2.0 * math.pi * effect.cycles * s))
+
+
+def _ramp(effect: Effect, s: float) -> np.float32:
+    """Gain that goes from 1 to `strength` over the ramp of the effect."""
+    begin, end = effect.ramp
+    share = float(s >= begin) if begin == end else min(max((s - begin) / (end - begin), 0.0), 1.0)
+    return np.float32(1.0 + (effect.strength - 1.0) * share)
+
+
+def exposure(image: Image, effect: Effect, s: float, rng: np.random.Generator) -> Image:
+    """Exposure that drifts or jumps: all channels times `strength` in the end."""
+    return image * _ramp(effect, s)
+
+
+def red(image: Image, effect: Effect, s: float, rng: np.random.Generator) -> Image:
+    """White balance that drifts or jumps: red times `strength` in the end."""
+    return image * np.array([1.0, 1.0, _ramp(effect, s)], dtype=np.float32)
+
+
+def blue(image: Image, effect: Effect, s: float, rng: np.random.Generator) -> Image:
+    """White balance that drifts or jumps: blue times `strength` in the end."""
+    return image * np.array([_ramp(effect, s), 1.0, 1.0], dtype=np.float32)
 
 
 def haze(image: Image, effect: Effect, s: float, rng: np.random.Generator) -> Image:
@@ -92,6 +114,9 @@ def to_bytes(image: Image) -> NDArray[np.uint8]:
 EFFECTS: dict[str, Callable[[Image, Effect, float, np.random.Generator], Image]] = {
     "haze": haze,
     "flicker": flicker,
+    "exposure": exposure,
+    "red": red,
+    "blue": blue,
     "gray": gray,
     "noise": noise,
     "jpeg": jpeg,
@@ -123,3 +148,17 @@ SURFACE_EFFECTS: dict[str, Callable[[Image, Effect, Image, Image, float], Image]
     "glint": glint,
 }
 """(colour (..., 3), effect, x, y in half sizes of the thing, fraction) -> colour."""
+
+
+def _static(shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Noise of a receiver without a signal."""
+    return rng.integers(0, 256, shape, dtype=np.uint8)
+
+
+BLANKS: dict[str, Callable[[tuple[int, ...], np.random.Generator], NDArray[np.uint8]]] = {
+    "black": lambda shape, rng: np.zeros(shape, np.uint8),
+    "white": lambda shape, rng: np.full(shape, 255, np.uint8),
+    "gray": lambda shape, rng: np.full(shape, 128, np.uint8),
+    "static": _static,
+}
+"""(shape, generator) -> frame that shows nothing of the scene, as it comes out of the wire."""

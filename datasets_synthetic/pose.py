@@ -25,21 +25,24 @@ Field = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CameraPose:
-    """Camera at one moment: pixel = (world − corner − centre) · zoom + centre."""
+    """Camera at one moment: pixel = turned by roll [(world − corner − centre) · zoom] + centre; roll in radians."""
 
     corner: tuple[float, float]
     zoom: float
     centre: tuple[float, float]
+    roll: float = 0.0
 
     def to_pixel(self, x: Field, y: Field) -> tuple[Field, Field]:
         """World px -> frame px."""
         (ox, oy), (cx, cy) = self.corner, self.centre
-        return (x - ox - cx) * self.zoom + cx, (y - oy - cy) * self.zoom + cy
+        x, y = _turned((x - ox - cx) * self.zoom, (y - oy - cy) * self.zoom, self.roll)
+        return x + cx, y + cy
 
     def to_world(self, x: Field, y: Field) -> tuple[Field, Field]:
         """Frame px -> world px."""
         (ox, oy), (cx, cy) = self.corner, self.centre
-        return (x - cx) / self.zoom + cx + ox, (y - cy) / self.zoom + cy + oy
+        x, y = _turned(x - cx, y - cy, -self.roll)
+        return x / self.zoom + cx + ox, y / self.zoom + cy + oy
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +87,13 @@ class PartPose:
         return _unapply(self.rigid, x, y)
 
 
+def _turned(x: Field, y: Field, angle: float) -> tuple[Field, Field]:
+    if angle == 0.0:
+        return x, y
+    c, s = math.cos(angle), math.sin(angle)
+    return c * x - s * y, s * x + c * y
+
+
 def _apply(affine: NDArray[np.float64], x: Field, y: Field) -> tuple[Field, Field]:
     (a, b, c), (d, e, f) = affine.tolist()
     return a * x + b * y + c, d * x + e * y + f
@@ -121,21 +131,27 @@ class Stage:
             x += float(np.interp(t, when, self._shake[:, 0]))
             y += float(np.interp(t, when, self._shake[:, 1]))
         zoom = camera.zoom[0] * (camera.zoom[1] / camera.zoom[0]) ** s
-        return CameraPose((x, y), zoom, (self.spec.size[0] / 2.0, self.spec.size[1] / 2.0))
+        roll = math.radians(camera.roll[0] + (camera.roll[1] - camera.roll[0]) * s)
+        return CameraPose((x, y), zoom, (self.spec.size[0] / 2.0, self.spec.size[1] / 2.0), roll)
 
     def actor(self, index: int, t: float) -> list[PartPose]:
         """Parts of an actor at time t, the hindmost first."""
         actor, s = self.actors[index], self.spec.fraction(t)
         motion = actor.motion
-        x, y = PATHS[motion.path.kind](motion.path, s)
-        scale = motion.growth[0] * (motion.growth[1] / motion.growth[0]) ** s
-        angle = math.radians(motion.angle + motion.spin * t)
+        own = t - sum(min(max(t - first, 0.0), stop - first) for first, stop in motion.rests)
+        own_s = self.spec.fraction(own)
+        x, y = PATHS[motion.path.kind](motion.path, own_s)
+        if motion.with_camera:
+            pan = self.spec.camera.pan
+            x, y = (place + by for place, by in zip((x, y), PATHS[pan.kind](pan, s), strict=True))
+        scale = motion.growth[0] * (motion.growth[1] / motion.growth[0]) ** own_s
+        angle = math.radians(motion.angle + motion.spin * own)
         c, n = scale * math.cos(angle), scale * math.sin(angle)
         flip = -1.0 if actor.mirror else 1.0
         similarity = np.array([[c * flip, -n, x], [n * flip, c, y]])
         deform = tuple((deform.kind, deform.strength, deform.cycles * s) for deform in actor.deform)
         camera = self.camera(t)
-        phase = motion.gait * t
+        phase = motion.gait * own
         return [PartPose(actor, part, part.pose(phase), similarity, deform, camera) for part in self.parts[index]]
 
     def present(self, index: int, t: int) -> bool:
@@ -152,7 +168,7 @@ class Stage:
         """Whether the camera never moves."""
         camera = self.spec.camera
         fixed = camera.pan.kind == "hold" and camera.jitter == 0
-        return fixed and camera.zoom[0] == camera.zoom[1]
+        return fixed and camera.zoom[0] == camera.zoom[1] and camera.roll[0] == camera.roll[1]
 
 
 @lru_cache(maxsize=4)

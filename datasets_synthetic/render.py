@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .effects import EFFECTS, ORDER, SURFACE_EFFECTS, box_blur, to_bytes
+from .effects import BLANKS, EFFECTS, ORDER, SURFACE_EFFECTS, box_blur, to_bytes
 from .pose import PartPose, Stage, stage_of
 from .sequence import Sequence
 from .spec import Actor, SequenceSpec, Texture
@@ -120,11 +120,11 @@ class _Painter:
     @cached_property
     def _world(self) -> tuple[Image, int, int]:
         """Background picture large enough for every view, and the world px of its top-left corner."""
-        xs, ys = np.array([0.0, self.width]), np.array([0.0, self.height])
+        xs, ys = np.array([0.0, self.width, 0.0, self.width]), np.array([0.0, 0.0, self.height, self.height])
         views = [self.stage.camera(t).to_world(xs, ys) for t in range(self.spec.frames)]
         low = np.floor(np.min([[x.min(), y.min()] for x, y in views], axis=0)).astype(int) - 2
         high = np.ceil(np.max([[x.max(), y.max()] for x, y in views], axis=0)).astype(int) + 2
-        if self.stage.still and self.spec.camera.zoom[0] == 1.0:
+        if self.stage.still and self.spec.camera.zoom[0] == 1.0 and self.spec.camera.roll[0] == 0.0:
             low, high = low + 2, high - 2
         picture = paint(self.spec.scene.background, int(high[1] - low[1]), int(high[0] - low[0]))
         return picture, int(low[0]), int(low[1])
@@ -133,6 +133,9 @@ class _Painter:
         picture, x0, y0 = self._world
         camera = self.stage.camera(t)
         xs, ys = np.arange(self.width, dtype=np.float64) + 0.5, np.arange(self.height, dtype=np.float64) + 0.5
+        if camera.roll:
+            wx, wy = camera.to_world(*np.meshgrid(xs, ys))
+            return sample(picture, wx - 0.5 - x0, wy - 0.5 - y0)
         wx, _ = camera.to_world(xs, xs)
         _, wy = camera.to_world(ys, ys)
         # A whole-pixel pan must stay whole in floating point: it is then an exact copy.
@@ -228,6 +231,10 @@ class _Painter:
     def expose(self, image: Image, t: int) -> NDArray[np.uint8]:
         """Light, sensor and encoder."""
         rng = np.random.Generator(np.random.SFC64([self.spec.seed, 1, t]))
+        blank = self.spec.blank(t)
+        if blank:
+            gray = any(effect.kind == "gray" for effect in self.spec.effects)
+            return BLANKS[blank.kind](image.shape[:2] if gray else image.shape, rng)
         for effect in sorted(self.spec.effects, key=lambda effect: ORDER.index(effect.kind)):
             image = EFFECTS[effect.kind](image, effect, self.spec.fraction(t), rng)
         return to_bytes(image)
@@ -325,6 +332,8 @@ def render(spec: SequenceSpec) -> Sequence:
     polygons = []
     for t in range(spec.frames):
         image, canvas = painter.picture(t)
+        if spec.blank(t):
+            canvas.labels[:], canvas.target[:] = 0, 0
         frames[t] = painter.expose(image, t)
         labels[t], masks[t] = canvas.labels, canvas.target >= 0.5
         outlines = [pose.outline() for pose in stage.actor(stage.target_index, float(t))]

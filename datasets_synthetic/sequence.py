@@ -97,6 +97,8 @@ class Sequence:
                     new_x[seen], new_y[seen] = then[k].forward(*painted)
         known = np.isfinite(new_x) & np.isfinite(new_y)
         flow = np.where(known[..., np.newaxis], np.stack([new_x - x, new_y - y], axis=-1), 0.0).astype(np.float32)
+        if self.spec.blank(t) or self.spec.blank(t + 1):
+            return flow, np.zeros_like(known)
         return flow, known & _same_label(labels, self.labels[t + 1], x + flow[..., 0], y + flow[..., 1])
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ __all__ = ["SHAPES", "Part", "area"]
 Points = NDArray[np.float64]
 Affine = NDArray[np.float64]
 Colour = tuple[float, float, float]
+Point = tuple[float, float]
 
 _STILL: Affine = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
@@ -141,6 +143,67 @@ def gear(width: float, height: float, seed: int) -> tuple[Part, ...]:
     return Part(wheel), Part(_disc(0.0, 0.0, 0.16 * width, 0.16 * height, 32), tone=(58.0, 54.0, 52.0))
 
 
+def fan(blades: int, width: float, height: float, seed: int) -> tuple[Part, ...]:
+    """Blades round a hub at the origin; width and height are those of the circle through their tips."""
+    rng = np.random.default_rng([seed, 13])
+    root, tip, sweep = rng.uniform(0.1, 0.18), rng.uniform(0.1, 0.26), rng.uniform(-0.15, 0.15)
+    # Where the edges of neighbouring blades meet; of two, in the hub itself.
+    throat = root / math.tan(math.pi / blades)
+    blade = np.array([[throat, -root], [1.0, sweep - tip], [1.0, sweep + tip]])
+    blade /= math.hypot(1.0, abs(sweep) + tip)
+    turns = 2.0 * math.pi * np.arange(blades) / blades
+    spins = [np.array([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]]) for a in turns.tolist()]
+    outline = np.concatenate([blade @ spin for spin in spins])
+    return (Part(outline * np.array([width, height]) / 2.0),)
+
+
+def star(width: float, height: float, seed: int) -> tuple[Part, ...]:
+    """Star of four to seven points about the origin; width and height are those of the circle through them."""
+    rng = np.random.default_rng([seed, 14])
+    points = int(rng.integers(4, 8))
+    radii = np.tile([1.0, rng.uniform(0.35, 0.6)], points)
+    angles = math.pi * np.arange(2 * points) / points
+    outline = np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])
+    return (Part(outline * np.array([width, height]) / 2.0),)
+
+
+def _letter(width: float, height: float, corners: tuple[Point, ...]) -> tuple[Part, ...]:
+    return (Part(_fit(np.array(corners), width, height)),)
+
+
+def cross(width: float, height: float, seed: int) -> tuple[Part, ...]:
+    """Two bars that cross at right angles."""
+    a = 0.12 + 0.03 * (seed % 4)
+    quarter = ((1.0, -a), (1.0, a), (a, a))
+    corners = [(x * c - y * s, x * s + y * c) for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1)) for x, y in quarter]
+    return _letter(width, height, tuple(corners))
+
+
+def ell(width: float, height: float, seed: int) -> tuple[Part, ...]:
+    """Letter L."""
+    a = 0.24 + 0.05 * (seed % 4)
+    return _letter(width, height, ((0.0, 0.0), (a, 0.0), (a, 1.0 - a), (1.0, 1.0 - a), (1.0, 1.0), (0.0, 1.0)))
+
+
+def tee(width: float, height: float, seed: int) -> tuple[Part, ...]:
+    """Letter T."""
+    a, b = 0.24 + 0.04 * (seed % 4), 0.13 + 0.02 * (seed % 4)
+    left, right = 0.5 - b, 0.5 + b
+    corners = (
+        (0.0, 0.0), (1.0, 0.0), (1.0, a), (right, a), (right, 1.0), (left, 1.0), (left, a), (0.0, a),
+    )  # fmt: skip
+    return _letter(width, height, corners)
+
+
+def horseshoe(width: float, height: float, seed: int) -> tuple[Part, ...]:
+    """Letter U."""
+    a = 0.22 + 0.03 * (seed % 4)
+    corners = (
+        (0.0, 0.0), (a, 0.0), (a, 1.0 - a), (1.0 - a, 1.0 - a), (1.0 - a, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0),
+    )  # fmt: skip
+    return _letter(width, height, corners)
+
+
 def car(width: float, height: float, seed: int) -> tuple[Part, ...]:
     """Side view of a car that faces right: body, windows, two turning wheels."""
     w, h = width / 2.0, height / 2.0
@@ -228,6 +291,15 @@ SHAPES: dict[str, Callable[[float, float, int], tuple[Part, ...]]] = {
     "polygon": polygon,
     "blob": blob,
     "gear": gear,
+    "fan2": partial(fan, 2),
+    "fan3": partial(fan, 3),
+    "fan4": partial(fan, 4),
+    "fan5": partial(fan, 5),
+    "star": star,
+    "cross": cross,
+    "L": ell,
+    "T": tee,
+    "U": horseshoe,
     "car": car,
     "walker": walker,
 }

@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from .deform import DEFORMS
-from .effects import EFFECTS, SURFACE_EFFECTS
+from .effects import BLANKS, EFFECTS, SURFACE_EFFECTS
 from .motion import PATHS
 from .shapes import SHAPES
 from .textures import TEXTURES
 
 __all__ = [
-    "RENDERER_VERSION", "Actor", "Camera", "Deform", "Effect", "Motion", "Path", "Scene", "SequenceSpec", "Shadow",
-    "Texture",
+    "RENDERER_VERSION", "Actor", "Blank", "Camera", "Deform", "Effect", "Motion", "Path", "Scene", "SequenceSpec",
+    "Shadow", "Texture",
 ]  # fmt: skip
 
 RENDERER_VERSION = 6
@@ -114,6 +114,10 @@ class Motion:
         Turns of wheels or steps of legs per frame.
     hidden : tuple of (first, stop)
         Frames in which it is not there at all.
+    rests : tuple of (first, stop)
+        Frames in which its clock stands: it neither moves, turns nor grows. They are missing at the end of the path.
+    with_camera : bool
+        The path is one in the frame of the camera that pans, not in the world.
     """
 
     path: Path
@@ -122,9 +126,16 @@ class Motion:
     growth: tuple[float, float] = (1.0, 1.0)
     gait: float = 0.0
     hidden: tuple[tuple[int, int], ...] = ()
+    rests: tuple[tuple[int, int], ...] = ()
+    with_camera: bool = False
 
     def __post_init__(self) -> None:
         _require(min(self.growth) > 0, f"expected positive growth, got {self.growth}")
+        for first, stop in (*self.hidden, *self.rests):
+            _require(first < stop, f"expected a span (first, stop) of frames, got {(first, stop)}")
+        stops = [stop for _, stop in self.rests]
+        overlap = any(first < stop for (first, _), stop in zip(self.rests[1:], stops, strict=False))
+        _require(not overlap, f"expected rests one after the other, got {self.rests}")
 
 
 @dataclass(frozen=True)
@@ -143,16 +154,42 @@ class Deform:
 
 @dataclass(frozen=True)
 class Effect:
-    """Change of light: name in ``effects.EFFECTS`` or ``SURFACE_EFFECTS``, strength, cycles over the sequence."""
+    """Change of light.
+
+    Parameters
+    ----------
+    kind : str
+        Name in ``effects.EFFECTS`` or ``SURFACE_EFFECTS``.
+    strength : float
+    cycles : float
+        Repetitions over the sequence.
+    ramp : tuple of 2 floats
+        Gains only: between which shares of the sequence they go from 1 to `strength`; equal shares are a jump.
+    """
 
     kind: str
     strength: float = 1.0
     cycles: float = 1.0
+    ramp: tuple[float, float] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
         _known(self.kind, {**EFFECTS, **SURFACE_EFFECTS}, "effect")
         if self.kind == "jpeg":
             _require(1 <= self.strength <= 100, f"expected a JPEG quality in 1–100, got {self.strength}")
+        _require(0 <= self.ramp[0] <= self.ramp[1] <= 1, f"expected a rising ramp within 0–1, got {self.ramp}")
+
+
+@dataclass(frozen=True)
+class Blank:
+    """Frames first … stop − 1 that show nothing of the scene: all of them `kind`, a name in ``effects.BLANKS``."""
+
+    kind: str
+    first: int
+    stop: int
+
+    def __post_init__(self) -> None:
+        _known(self.kind, BLANKS, "blank")
+        _require(0 < self.first < self.stop, f"expected 0 < first < stop, got {self.first} and {self.stop}")
 
 
 @dataclass(frozen=True)
@@ -231,6 +268,8 @@ class Camera:
         Deviation of a hand's shake, px.
     zoom : tuple of 2 floats
         Scale about the frame's centre at the first and the last frame.
+    roll : tuple of 2 floats
+        Angle about the frame's centre at the first and the last frame, degrees that the picture turns clockwise.
     shutter : float
         Share of the frame time that the shutter is open, in [0, 1]: motion blur.
     """
@@ -238,6 +277,7 @@ class Camera:
     pan: Path = field(default_factory=lambda: Path("hold"))
     jitter: float = 0.0
     zoom: tuple[float, float] = (1.0, 1.0)
+    roll: tuple[float, float] = (0.0, 0.0)
     shutter: float = 0.0
 
     def __post_init__(self) -> None:
@@ -266,6 +306,9 @@ class SequenceSpec:
         Of noise and jitter.
     attributes : tuple of str
         What the sequence is about, for per-attribute tables.
+    blanks : tuple of Blank
+    theme : str
+        Recipe it was drawn by; empty for one that was made by hand.
     """
 
     name: str
@@ -277,6 +320,8 @@ class SequenceSpec:
     frames: int = 90
     seed: int = 0
     attributes: tuple[str, ...] = ()
+    blanks: tuple[Blank, ...] = ()
+    theme: str = ""
 
     def __post_init__(self) -> None:
         _require(self.frames >= 2, f"expected at least 2 frames, got {self.frames}")
@@ -287,6 +332,10 @@ class SequenceSpec:
     def digest(self) -> str:
         """Hash of everything that decides the pixels, as 16 hex digits; stable across processes."""
         return hashlib.sha256(f"{RENDERER_VERSION} {self!r}".encode()).hexdigest()[:16]
+
+    def blank(self, t: int) -> Blank | None:
+        """Say which blank frame t is, if any."""
+        return next((blank for blank in self.blanks if blank.first <= t < blank.stop), None)
 
     def fraction(self, t: float) -> float:
         """Share of the sequence that has passed at frame t."""

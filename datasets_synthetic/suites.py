@@ -7,12 +7,17 @@
 
 from __future__ import annotations
 
+import re
+import time
 from dataclasses import replace
 
+from .draw import THEMES as DRAWN_THEMES
+from .draw import draw as draw_theme
+from .draw import draw_mixed
 from .spec import Actor, Camera, Deform, Effect, Motion, Path, Scene, SequenceSpec, Shadow, Texture
 from .themes import THEMES, VANISHING, draw
 
-__all__ = ["SUITES"]
+__all__ = ["SUITES", "canonical", "suite"]
 
 _NOISE = Effect("noise", 2.0)
 
@@ -639,3 +644,53 @@ SUITES: dict[str, tuple[SequenceSpec, ...]] = {
     "vanish_heldout": tuple(draw(theme, 4000 + k) for k, theme in enumerate(VANISHING)),
     "compressed": _COMPRESSED,
 }
+
+_DRAWN = re.compile(r"drawn(?:/(?P<theme>\w+))?:(?P<count>\d+)(?::(?P<seed>\d+|clock))?")
+
+
+def canonical(name: str) -> str:
+    """Name of a suite with its seed in it.
+
+    Parameters
+    ----------
+    name : str
+        A name in ``SUITES``, or ``drawn:N:SEED`` or ``drawn/THEME:N:SEED`` for the first N sequences of a
+        distribution; without a seed, or with ``clock`` for it, the seed is the second of the clock.
+
+    Returns
+    -------
+    str
+        The name, with the clock's seed in the place of ``clock``.
+
+    Raises
+    ------
+    ValueError
+        If there is no such suite or theme, or N is 0.
+    """
+    if name in SUITES:
+        return name
+    found = _DRAWN.fullmatch(name)
+    if found is None:
+        raise ValueError(
+            f"unknown suite {name!r}; known: {', '.join(SUITES)}, drawn:N:SEED, drawn/THEME:N:SEED "
+            "(N sequences; SEED a whole number, or clock)"
+        )
+    theme, count, seed = found["theme"], int(found["count"]), found["seed"]
+    if theme is not None and theme not in DRAWN_THEMES:
+        raise ValueError(f"unknown theme {theme!r}; known: {', '.join(DRAWN_THEMES)}")
+    if count < 1:
+        raise ValueError(f"expected at least 1 sequence, got {name!r}")
+    seed = str(int(time.time())) if seed in (None, "clock") else str(int(seed))
+    return f"drawn/{theme}:{count}:{seed}" if theme else f"drawn:{count}:{seed}"
+
+
+def suite(name: str) -> tuple[SequenceSpec, ...]:
+    """Specs of a suite, named as :func:`canonical` takes it."""
+    name = canonical(name)
+    if name in SUITES:
+        return SUITES[name]
+    kind, count, seed = name.split(":")
+    _, _, theme = kind.partition("/")
+    if theme:
+        return tuple(draw_theme(theme, int(seed), index) for index in range(int(count)))
+    return tuple(draw_mixed(int(seed), index) for index in range(int(count)))

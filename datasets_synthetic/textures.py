@@ -135,7 +135,7 @@ def photograph(name: str, height: int, width: int, rng: np.random.Generator, shr
     picture = _photograph(name, shrink)
     scale = max(height / picture.shape[0], width / picture.shape[1], 1.0)
     room_y, room_x = picture.shape[0] - height / scale, picture.shape[1] - width / scale
-    y0, x0 = (int(rng.uniform(0.0, room) + 1e-9) for room in (room_y, room_x))
+    y0, x0 = (int(rng.uniform(0.0, max(room, 0.0)) + 1e-9) for room in (room_y, room_x))
     ys = (np.arange(height) + 0.5) / scale - 0.5 + y0
     xs = (np.arange(width) + 0.5) / scale - 0.5 + x0
     return resample(picture, ys, xs)

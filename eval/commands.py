@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -235,7 +236,7 @@ def _open(
 
 def _folder_name(suite: str | None, dataset: str | None) -> str:
     if dataset is None:
-        return suite or "standard"
+        return re.sub(r"[/:]", "-", suite or "standard")
     kind, _, where = dataset.partition(":")
     return f"{kind}-{Path(where.rpartition('+')[0] or where).expanduser().resolve().stem}"
 

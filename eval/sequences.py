@@ -310,13 +310,15 @@ def load_suite(name: str) -> list[Sequence]:
     SequenceError
         If there is no suite of that name; the message lists the known ones.
     """
-    from datasets_synthetic import SUITES
+    from datasets_synthetic import suite
 
-    if name not in SUITES:
-        raise SequenceError(f"unknown suite {name!r}; known: {', '.join(SUITES)}")
+    try:
+        specs = suite(name)
+    except ValueError as error:
+        raise SequenceError(str(error)) from error
     cache, version = _cache_folder(), _renderer_version()
-    entries = [cache / f"{spec.digest()[:24]}-{version}" for spec in SUITES[name]]
-    missing = [pair for pair in zip(SUITES[name], entries, strict=True) if not (pair[1] / "truth.npz").exists()]
+    entries = [cache / f"{spec.digest()[:24]}-{version}" for spec in specs]
+    missing = [pair for pair in zip(specs, entries, strict=True) if not (pair[1] / "truth.npz").exists()]
     if missing:
         joblib.Parallel(n_jobs=min(_RENDERERS, len(missing)))(joblib.delayed(_render_into)(*pair) for pair in missing)
     return [_from_cache(entry) for entry in entries]

@@ -190,7 +190,7 @@ def test_command_renders_a_suite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("render", "smokey", "--out", "x"), "no suite 'smokey'; known: smoke, standard, develop"),
+        (("render", "smokey", "--out", "x"), "unknown suite 'smokey'; known: smoke, standard, develop"),
         (("render", "smoke", "--out", "x", "--format", "avi"), "no format 'avi'; known: otb, vot"),
     ],
 )

@@ -251,6 +251,12 @@ def test_textures_are_reproducible_and_honour_contrast_and_colour(kind: str) -> 
     np.testing.assert_allclose(flat, np.broadcast_to([10.0, 20.0, 30.0], (12, 12, 3)), atol=1e-4)
 
 
+@pytest.mark.parametrize(("kind", "height", "width"), [("page", 193, 100), ("chelsea", 313, 40), ("coins", 317, 400)])
+def test_photographs_fill_any_size(kind: str, height: int, width: int) -> None:
+    """A picture larger than the photograph enlarges it, though the quotient is rounded past the border."""
+    assert paint(Texture(kind), height, width).shape == (height, width, 3)
+
+
 def test_photographs_need_no_download() -> None:
     """Every photograph is a PNG file inside the installed scikit-image."""
     from pathlib import Path as FilePath
@@ -279,12 +285,14 @@ def test_blur_keeps_the_sum() -> None:
 
 @pytest.mark.parametrize("shape", list(SHAPES))
 def test_shapes_fill_their_size(shape: str) -> None:
-    """At rest a shape spans the size asked for; a walker's width is that of its stride, so it is only bounded."""
+    """At rest a shape spans its size; the size of a walker is that of its stride, of fans and stars of their circle."""
     parts = SHAPES[shape](60.0, 48.0 if shape != "walker" else 120.0, 3)
     points = np.concatenate([part.outline @ part.pose(0.0)[:, :2].T + part.pose(0.0)[:, 2] for part in parts])
     width, height = np.ptp(points, axis=0)
     if shape == "walker":
         assert width <= 60
         assert height == pytest.approx(120, rel=0.03)
+    elif shape.startswith("fan") or shape == "star":
+        assert np.hypot(points[:, 0] / 30.0, points[:, 1] / 24.0).max() == pytest.approx(1.0)
     else:
         assert (width, height) == pytest.approx((60, 48), rel=1e-6)
