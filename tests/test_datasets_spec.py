@@ -285,7 +285,7 @@ def test_blur_keeps_the_sum() -> None:
 
 @pytest.mark.parametrize("shape", list(SHAPES))
 def test_shapes_fill_their_size(shape: str) -> None:
-    """At rest a shape spans its size; the size of a walker is that of its stride, of fans and stars of their circle."""
+    """At rest a shape spans its size; a walker's is that of its stride, a fan's and a star's that of their circle."""
     parts = SHAPES[shape](60.0, 48.0 if shape != "walker" else 120.0, 3)
     points = np.concatenate([part.outline @ part.pose(0.0)[:, :2].T + part.pose(0.0)[:, 2] for part in parts])
     width, height = np.ptp(points, axis=0)
