@@ -60,6 +60,17 @@ class LegacyTrackerHS:
             return False, (0.0, 0.0, 0.0, 0.0)
         return True, (box.x, box.y, box.w, box.h)
 
+    def check(self, image: Any) -> None:
+        """Raise what `update` would raise for an image; nothing changes.
+
+        Raises
+        ------
+        InputError
+            If the image cannot be the next frame of the video.
+        """
+        if self.tracker.initialised:
+            self.tracker.check(image)
+
     def getTrackingScore(self) -> float:
         """Confidence in the last box, in [0, 1]."""
         return self.tracker.getTrackingScore()

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
+import types
+from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from hs_tracker_cv import MultiTrackerHS, MultiTrackerHS_create, TrackerHS_create
+from hs_tracker_cv import MultiTrackerHS, MultiTrackerHS_create, TrackerHS, TrackerHS_create, legacy
 from hs_tracker_cv.frames import InputError
 from tests.conftest import moving_square
 
@@ -185,3 +188,113 @@ def test_a_dropped_frame_moves_none() -> None:
         assert not ok
         np.testing.assert_array_equal(answers, [[0, 0, 0, 0]])
     assert tuple(multi.update(frames[1])[1][0]) == alone.update(frames[1])[1]
+
+
+CV2_TRACKERS = [
+    pytest.param(lambda: cv2.TrackerCSRT_create(), id="CSRT"),
+    pytest.param(lambda: cv2.TrackerKCF_create(), id="KCF"),
+    pytest.param(lambda: cv2.legacy.TrackerMOSSE_create(), id="legacy.MOSSE"),
+    pytest.param(lambda: cv2.legacy.TrackerMedianFlow_create(), id="legacy.MedianFlow"),
+]
+
+
+@pytest.mark.parametrize("create", [*CV2_TRACKERS, pytest.param(legacy.TrackerHS_create, id="legacy.TrackerHS")])
+def test_any_tracker_can_be_added(create: Callable[[], Any]) -> None:
+    """Trackers of OpenCV and the legacy flavour are followed as they are alone, beside ours."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multi, alone, ours = MultiTrackerHS_create(), create(), TrackerHS_create()
+    alone.init(frames[0], boxes[0])
+    ours.init(frames[0], boxes[0])
+    multi.add(create(), frames[0], boxes[0])
+    multi.add(TrackerHS_create(), frames[0], boxes[0])
+    for frame in frames[1:6]:
+        assert not multi.update(None)[0]
+        with pytest.raises(InputError, match="160 × 120"):
+            multi.update(frame[:60])
+        ok, answers = multi.update(frame)
+        (found, box), (_, own) = alone.update(frame), ours.update(frame)
+        assert ok == found
+        assert answers.tolist() == [list(box if found else (0, 0, 0, 0)), list(own)]
+
+
+@pytest.mark.parametrize(
+    "thing", [None, "CSRT", object(), TrackerHS, cv2.TrackerCSRT, TrackerHS_create, types.SimpleNamespace(init=len)]
+)
+def test_what_is_no_tracker_is_refused_at_once(thing: Any) -> None:
+    """A thing without `init` and `update`, or a class instead of one of its objects, is named."""
+    frames, boxes = moving_square(np.random.default_rng(3), count=1)
+    multi = MultiTrackerHS_create()
+    with pytest.raises(TypeError, match="expected a tracker with the methods init and update"):
+        multi.add(thing, frames[0], boxes[0])
+    assert not multi.objects
+
+
+@pytest.mark.parametrize(
+    ("create", "roi", "error"),
+    [
+        (legacy.TrackerHS_create, (0, 0, 0, 0), InputError),
+        (cv2.TrackerCSRT_create, (0, 0, 0, 0), cv2.error),
+        (cv2.TrackerKCF_create, (500, 500, 20, 20), cv2.error),
+        (lambda: Stubborn(started=False), (1, 2, 3, 4), InputError),
+        (lambda: Stubborn(started=RuntimeError("no")), (1, 2, 3, 4), RuntimeError),
+    ],
+)
+def test_a_refusal_by_any_tracker_adds_nothing(create: Callable[[], Any], roi: Any, error: type[Exception]) -> None:
+    """False from `init` is an InputError that names the box; an exception comes through; the others go on."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multi, alone = MultiTrackerHS_create(), TrackerHS_create()
+    alone.init(frames[0], boxes[0])
+    multi.add(TrackerHS_create(), frames[0], boxes[0])
+    with pytest.raises(error, match=str(roi[0]) if error is InputError else None):
+        multi.add(create(), frames[0], roi)
+    for image in (None, "frame", np.zeros((5, 5, 2), np.uint8)):
+        with pytest.raises(InputError, match="expected"):
+            multi.add(Stubborn(), image, boxes[0])
+    assert list(multi.objects) == [1]
+    assert tuple(multi.update(frames[1])[1][0]) == alone.update(frames[1])[1]
+
+
+class Stubborn:
+    """A tracker of a user's that answers what it was told to, or raises it."""
+
+    def __init__(self, *answers: Any, started: Any = None) -> None:
+        self.answers = list(answers)
+        self.started = started
+
+    def init(self, image: Any, box: Any) -> Any:
+        """As told."""
+        if isinstance(self.started, Exception):
+            raise self.started
+        return self.started
+
+    def update(self, image: Any) -> Any:
+        """As told."""
+        answer = self.answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+@pytest.mark.parametrize("bad", [cv2.error("assertion"), ZeroDivisionError("0"), (True, None), (True, (1, 2)), None])
+@pytest.mark.parametrize("place", [0, 1])
+def test_a_tracker_that_fails_takes_no_other_down(bad: Any, place: int) -> None:
+    """Its object counts as not located, all others take the frame in, and then its error is heard."""
+    frames, boxes = moving_square(np.random.default_rng(3))
+    multi, alone = MultiTrackerHS_create(), TrackerHS_create()
+    alone.init(frames[0], boxes[0])
+    trackers: list[Any] = [TrackerHS_create()]
+    trackers.insert(place, Stubborn((True, [5, 6, 7, 8]), bad, (False, (9, 9, 9, 9)), (True, np.full(4, 2.5))))
+    for tracker in trackers:
+        multi.add(tracker, frames[0], boxes[0])
+    for frame, row in zip(frames[1:5], ([5, 6, 7, 8], None, [0, 0, 0, 0], [2.5] * 4), strict=True):
+        own = list(alone.update(frame)[1])
+        if row is None:
+            wrong = not isinstance(bad, Exception)
+            with pytest.raises(TypeError if wrong else type(bad), match=re.escape(repr(bad) if wrong else str(bad))):
+                multi.update(frame)
+            answers = multi.getObjects()
+        else:
+            ok, answers = multi.update(frame)
+            assert ok == any(row)
+        assert answers[place].tolist() == (row or [0, 0, 0, 0])
+        assert answers[1 - place].tolist() == own
