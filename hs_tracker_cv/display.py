@@ -11,7 +11,8 @@ References
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 from typing import Any, Protocol
 
 import cv2
@@ -21,7 +22,18 @@ from numpy.typing import NDArray
 from .frames import as_frame, crop, fixed_errstate
 from .geometry import Box
 
-__all__ = ["FlowFields", "draw_box", "flow_colours", "nice_scale", "render_panels", "signed_colours"]
+__all__ = [
+    "PANELS",
+    "FlowFields",
+    "draw_box",
+    "draw_layers",
+    "draw_panel",
+    "flow_colours",
+    "nice_scale",
+    "render_panels",
+    "signed_colours",
+    "tile_panels",
+]
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -46,6 +58,21 @@ COLUMNS = 4
 FLOW_PERCENTILE = 99.0
 STEEP = 3.0
 """Gradient, gray levels per px, from which the normal flow is shown."""
+
+
+PANELS: dict[str, tuple[str, str]] = {
+    "frame": ("Frame", "smoothed, before step 1"),
+    "Fx": ("Fx", "steps 1–3"),
+    "Fy": ("Fy", "steps 1–3"),
+    "Ft": ("Ft", "steps 1–3"),
+    "arrows": ("Flow, arrows", "steps 4–5"),
+    "colours": ("Flow, colour wheel", "steps 4–5"),
+    "normal": ("Normal flow", "step 9"),
+    "threshold": ("Threshold", "step 10"),
+    "segmentation": ("Segmentation", "step 11"),
+    "corners": ("Corners and box", "step 12"),
+}
+"""The panels of :func:`draw_panel`: title, and where the paper has it."""
 
 
 class FlowFields(Protocol):
@@ -86,6 +113,22 @@ class FlowFields(Protocol):
     @property
     def mask(self) -> NDArray[np.bool_] | None:
         """Pixels that belong to the object, (h, w); None where the step has found none."""
+
+
+class StageFields(FlowFields, Protocol):
+    """What there is to show of the paper's method on a whole frame: ``stages.Stages``."""
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Pixels above the threshold, (h, w)."""
+
+    @property
+    def corners(self) -> NDArray[np.float32]:
+        """Corners of the segments, (N, 2), frame px."""
+
+    @property
+    def box(self) -> Box | None:
+        """Box of the largest segment, frame px."""
 
 
 @fixed_errstate
@@ -251,6 +294,173 @@ def flow_colours(flow: NDArray[Any], scale: float) -> Picture:
 
 
 @fixed_errstate
+def draw_panel(name: str, fields: StageFields, *, width: int = 480) -> tuple[Picture, str]:
+    """One panel of the paper's method on a whole frame.
+
+    Parameters
+    ----------
+    name : str
+        One of PANELS.
+    fields : StageFields
+        The result of ``stages.PaperMethod.calc``.
+    width : int
+        Of the picture, px; its height follows the frame's shape.
+
+    Returns
+    -------
+    picture : ndarray, shape (H, W, 3), uint8
+    note : str
+        What its colours and lengths mean; empty where there is nothing to say.
+
+    Raises
+    ------
+    ValueError
+        If there is no such panel.
+    """
+    if name not in _DRAWN:
+        raise ValueError(f"expected one of {', '.join(PANELS)}, got {name!r}")
+    height, columns = fields.current.shape
+    return _DRAWN[name](fields, (width, max(round(width * height / columns), 1)))
+
+
+def _draw_frame(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
+    return _fit(_gray_to_bgr(fields.current), size), ""
+
+
+def _draw_derivative(name: str, fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
+    # One scale for the three: only then can the eye weigh them against each other.
+    scale = max(nice_scale(field, floor=5.0) for field in (fields.Fx, fields.Fy, fields.Ft))
+    unit = "frame" if name == "Ft" else "px"
+    note = f"blue −{scale:g}, orange +{scale:g} gray levels per {unit}"
+    return _fit(signed_colours(getattr(fields, name), scale), size), note
+
+
+def _speed_scale(flow: NDArray[Any]) -> float:
+    return nice_scale(cv2.magnitude(flow[..., 0], flow[..., 1]), floor=0.1)
+
+
+def _draw_arrows(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
+    speed = _speed_scale(fields.flow)
+    return _arrows(fields, speed, size), f"longest {speed * fields.step:.3g} px per frame"
+
+
+def _draw_colours(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
+    speed = _speed_scale(fields.flow)
+    picture = _flow_picture(fields.flow, speed, size)
+    _legend(picture)
+    return picture, f"rim of the wheel {speed * fields.step:.3g} px per frame"
+
+
+def _draw_normal(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
+    shown = _steep_only(fields)
+    speed = _speed_scale(shown)
+    picture = _flow_picture(shown, speed, size)
+    _legend(picture)
+    return picture, f"rim {speed * fields.step:.3g} px per frame; where |∇F| ≥ {STEEP:g}"
+
+
+def _flow_picture(flow: NDArray[Any], speed: float, size: tuple[int, int]) -> Picture:
+    """Colours of a flow, fitted: what is shown smaller is averaged first, which is less to colour."""
+    scale = _fit_scale(flow.shape, size)
+    if scale < 1:
+        flow = cv2.resize(flow, (size[0], size[1]), interpolation=cv2.INTER_AREA)
+    return _fit(flow_colours(flow, speed), size)
+
+
+def _draw_threshold(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
+    share = float(fields.moving.mean())
+    return _fit(_gray_to_bgr(fields.moving * 255.0), size), f"white: above it, {100 * share:.2g} % of the frame"
+
+
+def _draw_segmentation(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
+    return _mask_picture(fields, None, "tracking", size), "" if fields.box else "nothing moves"
+
+
+def _draw_corners(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
+    picture = _fit(_gray_to_bgr(fields.current * 0.7), size)
+    scale = size[0] / fields.window.w
+    for x, y in (fields.corners + 0.5) * scale - 0.5:
+        cv2.circle(picture, (round(float(x) * 16), round(float(y) * 16)), 40, ARROW, -1, cv2.LINE_AA, 4)
+    if fields.box is None:
+        return picture, "nothing moves"
+    _draw_rectangle(picture, fields.box, STATE_COLOURS["tracking"], 2, scale)
+    x, y, w, h = fields.box
+    return picture, f"{len(fields.corners)} corners; box {x:.0f}, {y:.0f}, {w:.0f} × {h:.0f}"
+
+
+_DRAWN: dict[str, Callable[[StageFields, tuple[int, int]], tuple[Picture, str]]] = {
+    "frame": _draw_frame,
+    **{name: partial(_draw_derivative, name) for name in ("Fx", "Fy", "Ft")},
+    "arrows": _draw_arrows,
+    "colours": _draw_colours,
+    "normal": _draw_normal,
+    "threshold": _draw_threshold,
+    "segmentation": _draw_segmentation,
+    "corners": _draw_corners,
+}
+
+
+@fixed_errstate
+def draw_layers(image: Any, window: Box, mask: NDArray[np.bool_], *, width: int = 480) -> Picture:
+    """What a tracker takes for the object, and what for the ground round it, side by side.
+
+    Parameters
+    ----------
+    image : ndarray
+        The frame.
+    window : Box
+        Where the mask lies, frame px.
+    mask : ndarray of bool, shape (h, w)
+        Pixels of the object.
+    width : int
+        Of the picture, px.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), uint8
+    """
+    picture = _as_bgr(image)
+    height, columns = mask.shape
+    # The part of the frame under the mask; what lies outside the frame is black.
+    scale = np.array([[columns / window.w, 0.0, 0.0], [0.0, height / window.h, 0.0]])
+    scale[:, 2] = scale[0, 0] * (0.5 - window.x) - 0.5, scale[1, 1] * (0.5 - window.y) - 0.5
+    part = cv2.warpAffine(picture, scale, (columns, height), flags=cv2.INTER_LINEAR)
+    inside = mask[:, :, None]
+    side = ((width - GAP) // 2, max(round((width - GAP) / 2 * height / columns), 1))
+    layers = [_fit(np.where(kept, part, np.uint8(0)), side) for kept in (inside, ~inside)]
+    return np.hstack([layers[0], np.full((layers[0].shape[0], GAP, 3), CANVAS, np.uint8), layers[1]])
+
+
+@fixed_errstate
+def tile_panels(panels: Sequence[tuple[str, str, Picture]], *, columns: int = 3) -> Picture:
+    """Panels with their titles and notes, in a grid.
+
+    Parameters
+    ----------
+    panels : sequence of (title, note, picture)
+        At least one; pictures (H, W, 3), uint8, are fitted to the size of the first.
+    columns : int
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), uint8
+    """
+    height, width = panels[0][2].shape[:2]
+    tiles = [_tile(picture, (width, height), _ascii(title), _ascii(note)) for title, note, picture in panels]
+    tiles += [np.full_like(tiles[0], CANVAS)] * (-len(tiles) % min(columns, len(tiles)))
+    per_row = min(columns, len(tiles))
+    rows = [_beside(tiles[start : start + per_row]) for start in range(0, len(tiles), per_row)]
+    return np.vstack([*rows, np.full((GAP, rows[0].shape[1], 3), CANVAS, np.uint8)])
+
+
+def _ascii(words: str) -> str:
+    """As far as OpenCV's letters go."""
+    for letter, plain in {"–": "-", "−": "-", "×": "x", "≥": ">=", "∇": "grad ", "λ": "lambda", " · ": ", "}.items():
+        words = words.replace(letter, plain)
+    return words
+
+
+@fixed_errstate
 def render_panels(
     image: Any,
     fields: FlowFields | None,
@@ -391,10 +601,13 @@ def _field_tiles(fields: FlowFields, box: Box | None, state: str, size: tuple[in
 
 
 def _normal_tile(fields: FlowFields, speed: float, size: tuple[int, int]) -> Picture:
-    # Where there is no gradient the normal flow is noise divided by nothing: shown as no motion.
-    steep = np.hypot(fields.Fx, fields.Fy) >= STEEP
-    shown = np.where(steep[..., None], fields.normal_flow, 0.0)
-    return _tile(flow_colours(shown, speed), size, "Normal flow", f"where |grad F| >= {STEEP:g}")
+    return _tile(flow_colours(_steep_only(fields), speed), size, "Normal flow", f"where |grad F| >= {STEEP:g}")
+
+
+def _steep_only(fields: FlowFields) -> NDArray[np.float32]:
+    """Normal flow where there is a gradient; elsewhere it is noise divided by nothing: shown as no motion."""
+    steep = cv2.magnitude(fields.Fx, fields.Fy) >= STEEP
+    return np.asarray(np.where(steep[..., None], fields.normal_flow, 0.0), np.float32)
 
 
 def _arrows(fields: FlowFields, speed: float, size: tuple[int, int]) -> Picture:
