@@ -10,7 +10,9 @@ from typing import Any, TextIO
 
 from .detection import FirstMover
 from .display import FlowFields
+from .frames import InputError
 from .geometry import Box
+from .params import TrackerHS_Params
 from .tracker import TrackerHS
 
 __all__ = ["COLUMNS", "Step", "steps", "write_header", "write_row"]
@@ -49,7 +51,13 @@ class Step:
 
 
 def steps(
-    frames: Iterator[Any], roi: Box | None, *, show: bool = False, max_frames: int | None = None, first: int = 0
+    frames: Iterator[Any],
+    roi: Box | None,
+    *,
+    show: bool = False,
+    max_frames: int | None = None,
+    first: int = 0,
+    parameters: TrackerHS_Params | None = None,
 ) -> Iterator[Step]:
     """Follow an object through frames.
 
@@ -64,6 +72,8 @@ def steps(
         Stop after so many.
     first : int
         Index of the first frame.
+    parameters : TrackerHS_Params, optional
+        Of the tracker.
 
     Yields
     ------
@@ -77,7 +87,7 @@ def steps(
     InputError
         If a frame or the ROI cannot be used.
     """
-    tracker, mover = TrackerHS(), FirstMover()
+    tracker, mover = TrackerHS(parameters), FirstMover()
     for index, frame in enumerate(frames, first):
         if tracker.initialised:
             yield _updated(tracker, index, frame, show)
@@ -98,9 +108,16 @@ def _updated(tracker: TrackerHS, index: int, frame: Any, show: bool) -> Step:
     ok, _ = tracker.update(frame)
     seconds = time.perf_counter() - started
     box = tracker.box if ok else None
-    return Step(
-        index, frame, box, tracker.state, tracker.getTrackingScore(), tracker.debug() if show else None, seconds
-    )
+    fields = _fields(tracker) if show else None
+    return Step(index, frame, box, tracker.state, tracker.getTrackingScore(), fields, seconds)
+
+
+def _fields(tracker: TrackerHS) -> FlowFields | None:
+    """What the tracker has to show; nothing as long as the video repeats its first frame."""
+    try:
+        return tracker.debug()
+    except InputError:
+        return None
 
 
 def write_header(table: TextIO) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from tests.conftest import smooth_noise
 from numpy.typing import NDArray
 
 from hs_tracker_cv import InputError
@@ -13,6 +12,7 @@ from hs_tracker_cv.display import PANELS, draw_layers, draw_panel, tile_panels
 from hs_tracker_cv.flow import reference
 from hs_tracker_cv.geometry import Box, iou
 from hs_tracker_cv.stages import MODES, PaperMethod, StageParams
+from tests.conftest import smooth_noise
 
 Image = NDArray[np.uint8]
 
@@ -138,7 +138,7 @@ def test_every_panel_is_a_picture_of_the_frames_shape(
 
 
 def test_panels_show_what_they_say(rng: np.random.Generator) -> None:
-    """The mover's pixels are white in the threshold's panel, coloured in the flow's; the ground is black and white."""
+    """The mover's pixels are white in the threshold's panel, coloured in the flow's; the ground is not."""
     first, second, truth = pair(rng, step=(2, 0))
     stages = PaperMethod().calc(first, second)
     threshold, _ = draw_panel("threshold", stages, width=160)
@@ -155,7 +155,7 @@ def test_panels_show_what_they_say(rng: np.random.Generator) -> None:
 def test_an_unknown_panel_is_named(rng: np.random.Generator) -> None:
     """With the known ones."""
     stages = PaperMethod().calc(*pair(rng)[:2])
-    with pytest.raises(ValueError, match="expected one of frame, Fx.*got 'fx'"):
+    with pytest.raises(ValueError, match=r"expected one of frame, Fx.*got 'fx'"):
         draw_panel("fx", stages)
 
 
