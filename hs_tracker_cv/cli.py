@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
-import os
 import signal
 import sys
 import threading
@@ -20,7 +19,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-import cv2
 import numpy as np
 import tyro
 
@@ -28,7 +26,7 @@ from .display import draw_box, render_panels
 from .following import Step, steps, write_header, write_row
 from .frames import InputError, as_frame, as_roi
 from .geometry import Box
-from .video import VideoError, VideoSink, VideoSource, open_source
+from .video import VideoError, VideoSink, VideoSource, open_source, silence_decoders
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -120,7 +118,7 @@ class _Tally:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
     try:
-        _silence_codecs()
+        silence_decoders()
         with _termination_as_interrupt():
             return _command(sys.argv[1:] if arguments is None else list(arguments))
     except UsageError as error:
@@ -140,14 +138,6 @@ def _command(arguments: list[str]) -> int:
         page = _parsed(AppOptions, arguments[1:], f"{PROGRAM} app")
         return serve(page.video, port=page.port, show=not page.no_show)
     return _run(_parsed(Options, arguments, PROGRAM))
-
-
-def _silence_codecs() -> None:
-    """Keep the codec libraries from adding lines of their own to ours, unless the user has asked for them."""
-    # Read by OpenCV when it first opens a video; −8 is FFmpeg's "quiet".
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    if "OPENCV_LOG_LEVEL" not in os.environ:
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 @contextlib.contextmanager

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv import video
-from hs_tracker_cv.video import VideoError, VideoSink, VideoSource, natural_key, open_source
+from hs_tracker_cv.video import VideoError, VideoSink, VideoSource, image_files, natural_key, open_source
+from hs_tracker_cv.video.quiet import without_remark
 
 
 def _pictures(count: int, height: int = 48, width: int = 64, seed: int = 0) -> list[NDArray[np.uint8]]:
@@ -71,36 +71,49 @@ def test_odd_sizes_are_padded_not_cut(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_read_in_natural_order(tmp_path: Path) -> None:
-    """The image 10 follows 9, other files are ignored, and the folder `img` takes its parent's name."""
+    """10 follows 9; hidden files and what is no image file are ignored; `img` takes its parent's name."""
     folder = tmp_path / "walk" / "img"
     folder.mkdir(parents=True)
     for number, frame in enumerate(_pictures(11)):
         frame[:] = number
         cv2.imwrite(str(folder / f"f{number}.png"), frame)
     (folder / "notes.txt").write_text("no image")
+    (folder / "._f1.png").write_bytes(b"\0\5\x16\7 resource fork of macOS")
+    (folder / ".hidden.png").write_bytes(b"")
+    (folder / "folder.png").mkdir()
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(folder / "pipe.png")
     source = open_source(folder)
     assert (source.name, source.count) == ("walk", 11)
     assert [int(frame[0, 0, 0]) for frame in source.frames] == list(range(11))
 
 
+def test_a_frame_that_cannot_be_reached_is_missing_and_not_skipped(tmp_path: Path) -> None:
+    """A link that leads nowhere, as git-annex leaves them, is an error where it comes."""
+    cv2.imwrite(str(tmp_path / "0.png"), _pictures(1)[0])
+    (tmp_path / "1.png").symlink_to("nowhere.png")
+    assert [path.name for path in image_files(tmp_path)] == ["0.png", "1.png"]
+    with pytest.raises(VideoError, match=r"1\.png: cannot be read \(No such file"):
+        _read_into([], open_source(tmp_path))
+
+
 def test_natural_key_orders_numbers_by_value() -> None:
     """Numbers inside names compare as numbers, the rest as lower-case text."""
-    names = ["b1.png", "a10.png", "A9.png", "a.png"]
-    assert [path.name for path in sorted(map(Path, names), key=natural_key)] == [
-        "A9.png",
-        "a10.png",
-        "a.png",
-        "b1.png",
-    ]
+    names = ["b1.png", "a10.png", "A9.png", "a.png", "7.png", "07.png", "a²3.png"]
+    wanted = ["07.png", "7.png", "A9.png", "a10.png", "a.png", "a²3.png", "b1.png"]
+    for order in (names, names[::-1]):
+        assert [path.name for path in sorted(map(Path, order), key=natural_key)] == wanted
 
 
 def test_a_truncated_file_gives_its_frames_then_one_error(tmp_path: Path) -> None:
-    """Half of a file yields the frames it holds and ends in an error that names both counts."""
+    """Half of a file yields the frames it holds and ends in an error that says how many, and what is missing."""
     data = _write_video(tmp_path / "whole.avi", _pictures(40)).read_bytes()
     path = tmp_path / "half.avi"
     path.write_bytes(data[: len(data) // 2])
     read: list[Any] = []
-    with pytest.raises(VideoError, match=r"half\.avi: ends after \d+ of 40 frames") as error:
+    with pytest.raises(
+        VideoError, match=r"half\.avi: ends after \d+ frames \(the file is cut off: \d+ bytes"
+    ) as error:
         _read_into(read, open_source(path))
     assert 5 < len(read) < 35
     _one_line(error)
@@ -245,7 +258,7 @@ class _FakeCamera:
 
 def test_a_vanished_camera_is_an_error_after_its_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     """A camera that stops gives its frames, then an error; its frame rate of 0 is replaced."""
-    monkeypatch.setattr(video.cv2, "VideoCapture", _FakeCamera)
+    monkeypatch.setattr(cv2, "VideoCapture", _FakeCamera)
     read: list[Any] = []
     source = open_source("3")
     assert (source.name, source.count, source.fps) == ("camera3", None, 25.0)
@@ -264,18 +277,17 @@ def test_an_absent_camera_is_refused() -> None:
 def test_a_silent_camera_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A camera that opens and gives nothing is refused when opened."""
     monkeypatch.setattr(_FakeCamera, "frames", 0)
-    monkeypatch.setattr(video.cv2, "VideoCapture", _FakeCamera)
+    monkeypatch.setattr(cv2, "VideoCapture", _FakeCamera)
     with pytest.raises(VideoError, match="camera 0: gives no frame"):
         open_source(0)
 
 
-def test_the_native_libraries_stay_silent(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Opening bad and good files and writing leaves nothing on stderr."""
-    (tmp_path / "text.avi").write_text("not a video\n" * 50)
-    with pytest.raises(VideoError):
-        open_source(tmp_path / "text.avi")
+def test_the_encoder_stays_silent(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Writing and reading leaves nothing on stderr, and what others write there meanwhile stays."""
     list(open_source(_write_video(tmp_path / "a.webm", _pictures(2))).frames)
-    assert capfd.readouterr().err == ""
+    with without_remark(b"noise"):
+        os.write(2, b"one\nnoise, and more\ntwo")
+    assert capfd.readouterr().err == "one\ntwo"
 
 
 def test_a_sink_refuses_what_it_cannot_write(tmp_path: Path) -> None:

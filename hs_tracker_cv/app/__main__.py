@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 
+from ..video import silence_decoders
 from .live import live_page
 from .selection import select_page
 from .server import PageServer, listen, report
@@ -13,6 +14,7 @@ __all__: list[str] = []
 
 
 def _main() -> None:
+    silence_decoders()
     # Secrets come through a pipe: other users may read the command line of a process.
     order = json.loads(sys.stdin.readline())
     try:

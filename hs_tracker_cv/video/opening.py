@@ -1,0 +1,71 @@
+"""Which kind of source a name means."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import stat
+from pathlib import Path
+
+from .capture import STREAMS, open_camera, open_file, open_stream
+from .folder import open_folder
+from .source import VideoError, VideoSource
+
+__all__ = ["open_source"]
+
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
+_CAMERA = re.compile(r"/dev/video(\d+)")
+
+
+def open_source(source: str | int | Path, *, start: int = 0, step: int = 1, gain: float | None = None) -> VideoSource:
+    """Open a video file, a stream, a camera or a folder of images.
+
+    Parameters
+    ----------
+    source : str, int or Path
+        Path of a file or folder; URL of a stream (RTSP, HTTP and others); a number, a string of digits that names no
+        file, or /dev/videoN is a camera.
+    start : int
+        Number of the first frame that is handed out.
+    step : int
+        Hand out every so-manieth frame from there.
+    gain : float, optional
+        Gray levels (of 255) per unit of frames of more than 8 bits, which are brought to 8; by default the range of
+        the first frame, with headroom. Either holds for the whole source.
+
+    Returns
+    -------
+    VideoSource
+        Its first frame has been decoded, so a source that cannot be used has already been refused.
+
+    Raises
+    ------
+    VideoError
+        If there is no such source, it cannot be read, or it yields no frame.
+    ValueError
+        If start is negative, step less than 1 or gain not above 0.
+    """
+    if start < 0 or step < 1 or (gain is not None and not 0.0 < gain < math.inf):
+        raise ValueError(f"expected start >= 0, step >= 1 and gain > 0, got {start!r}, {step!r}, {gain!r}")
+    text = str(source)
+    scheme = _SCHEME.match(text)
+    if scheme:
+        if scheme[1].lower() not in STREAMS:
+            raise VideoError(f"{text}: expected a URL of {', '.join(sorted(STREAMS))}, got {scheme[1]}")
+        return open_stream(text, start, step, gain)
+    mode = _mode(text)
+    camera = _CAMERA.fullmatch(text) if mode is not None and stat.S_ISCHR(mode) else None
+    if isinstance(source, int) or camera or (text.isdecimal() and mode is None):
+        return open_camera(int(camera[1] if camera else text), start, step, gain)
+    if mode is not None and stat.S_ISDIR(mode):
+        return open_folder(Path(text), start, step, gain)
+    return open_file(Path(text), start, step, gain)
+
+
+def _mode(path: str) -> int | None:
+    """What kind of thing a path names; None where there is nothing that could be asked."""
+    try:
+        return os.stat(path).st_mode
+    except (OSError, ValueError):
+        return None
