@@ -17,7 +17,7 @@ from .tracker import TrackerHS
 
 __all__ = ["COLUMNS", "Step", "steps", "write_header", "write_row"]
 
-COLUMNS = ("frame", "x", "y", "w", "h", "ok", "score")
+COLUMNS = ("frame", "x", "y", "w", "h", "ok", "score", "state")
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ def steps(
     show: bool = False,
     max_frames: int | None = None,
     first: int = 0,
+    stride: int = 1,
     parameters: TrackerHS_Params | None = None,
 ) -> Iterator[Step]:
     """Follow an object through frames.
@@ -70,8 +71,8 @@ def steps(
         Also give what the panels need, which costs a little.
     max_frames : int, optional
         Stop after so many.
-    first : int
-        Index of the first frame.
+    first, stride : int
+        Index of the first frame, and by how much it grows from frame to frame.
     parameters : TrackerHS_Params, optional
         Of the tracker.
 
@@ -88,7 +89,8 @@ def steps(
         If a frame or the ROI cannot be used.
     """
     tracker, mover = TrackerHS(parameters), FirstMover()
-    for index, frame in enumerate(frames, first):
+    for count, frame in enumerate(frames, 1):
+        index = first + (count - 1) * stride
         if tracker.initialised:
             yield _updated(tracker, index, frame, show)
         else:
@@ -99,7 +101,7 @@ def steps(
             else:
                 tracker.init(frame, box)
                 yield Step(index, frame, tracker.box, "tracking", tracker.getTrackingScore(), mover.fields)
-        if max_frames is not None and index - first + 1 >= max_frames:
+        if max_frames is not None and count >= max_frames:
             return
 
 
@@ -129,5 +131,5 @@ def write_row(table: TextIO, step: Step) -> None:
     """Write one row, at once: a run that is killed leaves every box it has found."""
     box = step.box if step.box is not None else Box(0.0, 0.0, 0.0, 0.0)
     sides = (f"{value:.2f}" for value in box)
-    csv.writer(table).writerow((step.index, *sides, int(step.box is not None), f"{step.score:.3f}"))
+    csv.writer(table).writerow((step.index, *sides, int(step.box is not None), f"{step.score:.3f}", step.state))
     table.flush()

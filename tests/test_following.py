@@ -28,8 +28,8 @@ def test_the_parameters_reach_the_tracker(rng: np.random.Generator, mode: str) -
     """The carried box has no mask, segmentation has one."""
     frames, boxes = moving_square(rng, count=3)
     parameters = TrackerHS_Params(mode=mode)
-    *_, last = steps(iter(frames), Box(*boxes[0]), show=True, first=5, parameters=parameters)
-    assert last.index == 7
+    *_, last = steps(iter(frames), Box(*boxes[0]), show=True, first=5, stride=3, parameters=parameters)
+    assert last.index == 11
     assert last.fields is not None
     assert (last.fields.mask is None) == (mode == "propagation")
 
@@ -41,6 +41,6 @@ def test_the_table_has_zeros_where_the_object_is_lost() -> None:
     write_row(table, Step(3, None, Box(1.25, 2.0, 3.0, 4.5), "tracking", 0.5, None))
     write_row(table, Step(4, None, None, "lost", 0.0, None))
     lines = table.getvalue().splitlines()
-    assert lines[0].startswith("frame,x,y,w,h,ok,score")
-    assert lines[1].startswith("3,1.25,2.00,3.00,4.50,1,0.500")
-    assert lines[2].startswith("4,0.00,0.00,0.00,0.00,0,0.000")
+    assert lines[0] == "frame,x,y,w,h,ok,score,state"
+    assert lines[1] == "3,1.25,2.00,3.00,4.50,1,0.500,tracking"
+    assert lines[2] == "4,0.00,0.00,0.00,0.00,0,0.000,lost"
