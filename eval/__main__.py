@@ -11,7 +11,7 @@ __all__ = ["COMMANDS", "main"]
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("eval.commands:run", "run trackers over a suite or data set"),
     "speed": ("eval.commands:speed", "time single updates, all trackers side by side"),
-    "flow": ("eval.flow:main_flow", "compare dense flow methods on true flow"),
+    "flow": ("eval.flow.command:main_flow", "compare dense flow methods on true flow"),
     "bench": ("eval.commands:bench", "run, speed and report on one suite with every tracker"),
     "ablate": ("eval.commands:ablate", "what each part of TrackerHS is worth"),
     "check": ("eval.commands:check", "compare with the committed reference figures"),

@@ -186,7 +186,7 @@ def _flow(method: str) -> tuple[Cut, ...]:
     """Cuts that put a method of the flow comparison where Horn–Schunck stands, in both modes."""
 
     def make(horn_schunck: Any) -> Any:
-        from .flow_methods import FLOW_METHODS
+        from .flow.methods import FLOW_METHODS
 
         return lambda *preset, **options: _OtherFlow(FLOW_METHODS[method].factory(), guessed=True)
 

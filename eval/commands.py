@@ -7,12 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from . import ablation, regression
-from .options import Dataset, Jobs, Only, Out, Suite, SuiteName, Trackers
+from .accuracy import make_jobs, run_jobs
+from .options import Dataset, Jobs, Only, Out, Paths, Suite, SuiteName, Trackers
+from .process import Limits
 from .progress import Steps, make_console
 from .report import write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
-from .runner import BLOCK, TIMED_UPDATES, Limits, make_jobs, measure_speed, run_jobs
 from .sequences import Sequence, SequenceError, load_dataset, load_suite
+from .speed import BLOCK, TIMED_UPDATES, measure_speed
 from .tables import (
     console_table,
     failure_table,
@@ -44,6 +46,7 @@ def run(
     starts: int = 0,
     frames: int | None = None,
     retry_failed: bool = False,
+    paths: Paths = (),
     out: Out = Path("results"),
 ) -> None:
     """Run trackers over a suite or data set and store what they answer. What has been run is not run again.
@@ -53,7 +56,7 @@ def run(
     timeout
         Seconds for one tracker on one sequence.
     memory
-        Megabytes for one tracker.
+        Megabytes for one tracker, with all processes that it starts.
     starts
         Besides the exact start box, so many perturbed by up to ±10 %.
     frames
@@ -63,7 +66,7 @@ def run(
     """
     specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
     folder, found = _open(out, suite, dataset, sequences, frames=frames)
-    _run_with_progress(specs, found, folder, jobs, Limits(timeout, memory), starts, retry_failed)
+    _run_with_progress(specs, found, folder, jobs, Limits(timeout, memory, paths=paths), starts, retry_failed)
     _print_summary(folder, [spec.name for spec in specs])
 
 
@@ -76,6 +79,7 @@ def speed(
     frames: int = TIMED_UPDATES,
     block: int = BLOCK,
     timeout: float = 60.0,
+    paths: Paths = (),
     out: Out = Path("results"),
 ) -> None:
     """Time updates: one thread, warm, trackers by turns on the same few frames. Leave the machine alone.
@@ -92,7 +96,7 @@ def speed(
     """
     specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
     folder, found = _open(out, suite, dataset, sequences)
-    _speed_with_progress(specs, found, folder, Limits(timeout), frames=frames, block=block)
+    _speed_with_progress(specs, found, folder, Limits(timeout, paths=paths), frames=frames, block=block)
     measured = folder.read_speeds()
     _console.print(console_table(speed_text(measured), "median ms per update"))
     _console.print(console_table(speed_overall_text(measured), "medians over sequences"))

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from .accuracy import make_jobs, run_jobs
 from .metrics import frame_scores, summarise
 from .results import COMPLETED, Folder, ResultsError, Run, Trajectory, provenance
-from .runner import make_jobs, run_jobs
 from .sequences import Sequence
 from .trackers import TrackerSpec
 

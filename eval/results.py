@@ -6,6 +6,7 @@ A folder of results, one per suite or data set::
     sequences/NAME.json               truth: a report needs nothing but this folder
     tracks/TRACKER/NAME.s0r0.json     one run: start box 0 (the exact one), repeat 0
     speed/NAME.json                   the timing pass on one sequence, all trackers
+    flow/METHOD/PAIR.json             one flow method on one pair of frames
 
 Each run carries a key, the hash of tracker, parameters, code, sequence, start and repeat. A file whose key is not the
 expected one is stale and is written anew.
@@ -32,7 +33,7 @@ from numpy.typing import NDArray
 from .framesource import FrameSource
 from .sequences import Sequence
 
-__all__ = ["COMPLETED", "Folder", "ResultsError", "Run", "SpeedRun", "Trajectory", "provenance"]
+__all__ = ["COMPLETED", "FlowResult", "Folder", "ResultsError", "Run", "SpeedRun", "Trajectory", "provenance"]
 
 _FORMAT = 1  # of the files; raise it when an older reader would misread them
 
@@ -110,6 +111,37 @@ class SpeedRun:
     milliseconds: Mapping[str, list[float]]
     wall: Mapping[str, list[float]]
     status: Mapping[str, str]
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class FlowResult:
+    """What one flow method did on one pair of frames.
+
+    Parameters
+    ----------
+    key : str
+        Hash of all that the result depends on.
+    method, pair, group : str
+    scores : mapping
+        Metric name to value; empty if the method failed.
+    seconds : float or None
+        Median processor time of a call, warm, on one thread.
+    relative : float or None
+        The same in units of the yardstick's time, measured by turns in the same process.
+    note : str
+        Why there are no scores, else "".
+    provenance : mapping
+    """
+
+    key: str
+    method: str
+    pair: str
+    group: str
+    scores: Mapping[str, float] = field(default_factory=dict)
+    seconds: float | None = None
+    relative: float | None = None
+    note: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -242,6 +274,22 @@ class Folder:
         """Timing passes on the sequences of the last run; empty when speed was not measured."""
         paths = [self.speed_path(name) for name in self.read_manifest()["sequences"]]
         return [self.read_speed(path) for path in paths if path.exists()]
+
+    def flow_path(self, method: str, pair: str) -> Path:
+        """File of one flow method on one pair."""
+        return self.path / "flow" / _slug(method) / f"{_slug(pair)}.json"
+
+    def write_flow(self, result: FlowResult) -> None:
+        """Store the result of one flow method on one pair."""
+        self._write(self.flow_path(result.method, result.pair), vars(result))
+
+    def read_flow(self, path: Path) -> FlowResult:
+        """Read the result of one flow method on one pair."""
+        data = self._read(path)
+        try:
+            return FlowResult(**data)
+        except TypeError as error:
+            raise self._corrupt(path, error) from error
 
     def _write(self, path: Path, data: Mapping[str, Any]) -> None:
         scratch = path.with_name(f".{path.name}.{os.getpid()}.part")

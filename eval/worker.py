@@ -1,42 +1,36 @@
-"""The process in which one tracker runs: it reads commands, feeds frames and writes one record per frame.
+"""The process in which what is judged runs: it answers requests, one at a time, and knows no truth and no path.
 
-Run as ``python -m eval.worker`` by :mod:`eval.runner` and by nobody else. It is cheap to start, knows no truth, and
-writes each record as soon as it exists, so that nothing is lost when the tracker takes the process down with it.
-
-Commands, one JSON object per line of standard input::
-
-    {"do": "open", "factory": "pkg.module:name", "params": {...}, "frames": {...}, "box": [x, y, w, h]}
-    {"do": "update", "count": 40, "timed": false}
-
-Records, one JSON object per line of standard output: ``{"opened": true}``, then per update
-``{"ok": true, "box": [x, y, w, h], "score": 0.9}``, when timed with "cpu_ms" and "wall_ms" of the call of `update`
-alone, or ``{"failure": "..."}``, which ends the track.
+Started by :mod:`eval.supervisor`. Requests come by standard input and answers go by standard output, as messages of
+:mod:`eval.wire`. The first request names a service, ``{"service": "pkg.module:name"}``, and is answered with the
+number of this process; what comes then is handed to ``service.answer(content, arrays)``, which returns the same two.
+An exception is answered as ``{"failure": "..."}``.
 """
 
 from __future__ import annotations
 
-import json
-import math
 import os
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module
-from time import perf_counter, process_time
-from typing import Any, TextIO
+from typing import Any, BinaryIO, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .framesource import FrameSource, FrameSourceError
+from .wire import read_message, write_message
 
-__all__ = ["ONE_THREAD", "UNWRITTEN", "main", "resolve"]
+__all__ = ["Arrays", "Service", "resolve", "serve"]
 
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-"""Environment of a process in which nothing runs beside what is measured."""
+_UNWRITTEN = 74  # EX_IOERR of sysexits.h: an answer could not be written
 
-UNWRITTEN = 74
-"""Exit code of a worker whose records cannot be written (EX_IOERR of sysexits.h): not its tracker's fault."""
+Arrays = Sequence[NDArray[Any]]
+
+
+class Service(Protocol):
+    """What a worker does with its requests."""
+
+    def answer(self, content: Mapping[str, Any], arrays: Arrays) -> tuple[Mapping[str, Any], Arrays]:
+        """Answer one request."""
 
 
 def resolve(reference: str) -> Any:
@@ -59,91 +53,48 @@ def resolve(reference: str) -> Any:
     return found
 
 
-class _Track:
-    """A tracker on its way through the frames of one sequence."""
-
-    def __init__(self, command: Mapping[str, Any]) -> None:
-        self._frames: Iterator[NDArray[Any]] = iter(FrameSource.from_json(command["frames"]))
-        self._tracker = resolve(command["factory"])(**command["params"])
-        # cv2's newer trackers take whole numbers only, so every tracker gets them.
-        box = tuple(round(value) for value in command["box"])
-        if self._tracker.init(next(self._frames), box) is False:
-            raise ValueError(f"init refused the box {box}")
-
-    def update(self, timed: bool) -> dict[str, Any] | None:
-        frame = next(self._frames, None)
-        if frame is None:
-            return None
-        start, busy = perf_counter(), process_time()
-        answer = self._tracker.update(frame)
-        times = {"cpu_ms": 1000.0 * (process_time() - busy), "wall_ms": 1000.0 * (perf_counter() - start)}
-        ok, box = _checked(answer)
-        return {"ok": ok, "box": box, "score": self._score(), **(times if timed else {})}
-
-    def _score(self) -> float:
-        # OpenCV 5 gives every tracker the method; −1 is its way of saying that there is no score.
-        score = float(self._tracker.getTrackingScore()) if hasattr(self._tracker, "getTrackingScore") else math.nan
-        return score if score >= 0 else math.nan
-
-
-def _checked(answer: Any) -> tuple[bool, list[float]]:
-    try:
-        ok, box = answer
-        values = [float(value) for value in box]
-    except (TypeError, ValueError):
-        values = []
-    if len(values) != 4:
-        raise ValueError(f"update returned {answer!r}, expected (ok, (x, y, w, h))")
-    return bool(ok), values
-
-
-def _obey(commands: Iterator[str], write: Any) -> None:
-    track: _Track | None = None
-    runner = os.getppid()
-    for line in commands:
-        command = json.loads(line)
-        try:
-            if command["do"] == "open":
-                track = None
-                track = _Track(command)
-                write({"opened": True})
-            else:
-                for _ in range(command["count"]):
-                    record = track.update(command["timed"]) if track is not None else None
-                    # Nobody waits for a worker whose runner was killed.
-                    if record is None or os.getppid() != runner:
-                        break
-                    write(record)
-        except FrameSourceError as error:
-            track = None
-            write({"failure": str(error)})
-        except SystemExit:
-            raise
-        except BaseException as error:  # whatever a tracker raises is its row's reason and not ours to die of
-            # Ctrl-C does not reach this process, so that KeyboardInterrupt is the tracker's too.
-            track = None
-            words = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
-            write({"failure": f"raised {words.removesuffix(': ')}"})
-
-
-def main() -> None:
-    """Serve until standard input ends."""
-    # What a tracker prints must not mix with the records: it goes to standard error.
-    output: TextIO = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
+def serve() -> None:
+    """Answer until standard input ends."""
+    requests, answers = _take_pipes()
     cv2.setNumThreads(1)
     np.seterr(all="ignore")
-
-    def write(record: Mapping[str, Any]) -> None:
+    content, arrays = read_message(requests)
+    service: Service = resolve(content["service"])()
+    _send(answers, {"process": os.getpid()}, ())
+    while True:
         try:
-            output.write(json.dumps(record) + "\n")
-            output.flush()
-        except OSError:
-            # At once: Python would try to write it again on its way out.
-            os._exit(UNWRITTEN)
-
-    _obey(iter(sys.stdin.readline, ""), write)
+            content, arrays = read_message(requests)
+        except EOFError:
+            return
+        _send(answers, *_answer(service, content, arrays))
 
 
-if __name__ == "__main__":
-    main()
+def _take_pipes() -> tuple[BinaryIO, BinaryIO]:
+    """Keep the two pipes apart from what a tracker reads and prints: nothing, and standard error."""
+    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    os.dup2(2, 1)
+    return requests, answers
+
+
+def _answer(service: Service, content: Mapping[str, Any], arrays: Arrays) -> tuple[Mapping[str, Any], Arrays]:
+    if content.get("do") == "nothing":
+        return {}, ()
+    try:
+        return service.answer(content, arrays)
+    except SystemExit:
+        raise
+    except BaseException as error:  # whatever a tracker raises is its row's reason and not ours to die of
+        # Ctrl-C does not reach this process, so that KeyboardInterrupt is the tracker's too.
+        words = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+        return {"failure": f"raised {words.removesuffix(': ')}"}, ()
+
+
+def _send(answers: BinaryIO, content: Mapping[str, Any], arrays: Arrays) -> None:
+    try:
+        write_message(answers, content, arrays)
+    except OSError:
+        # At once: Python would try to write it again on its way out.
+        os._exit(_UNWRITTEN)

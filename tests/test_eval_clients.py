@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from eval.clients import Follower, got10k, vot
+from eval.track import whole_box
 from hs_tracker_cv import Box
 from hs_tracker_cv.geometry import iou
 from tests.conftest import BOX_IOU, moving_square
@@ -58,6 +59,36 @@ def test_a_lost_object_keeps_its_last_box(video: tuple[Frames, Boxes], blinking:
         answers = [follower.update(frame) for frame in video[0][1:5]]
         expected = [((11.0, 20.0, 30.0, 40.0), 1.0), ((11.0, 20.0, 30.0, 40.0), 0.0), ((13.0, 20.0, 30.0, 40.0), 1.0)]
         assert answers[:3] == expected
+
+
+def test_the_start_box_is_that_of_our_own_runs(video: tuple[Frames, Boxes], blinking: str) -> None:
+    """Edges are rounded, here as there, and cut by the frame: one start box, whoever runs the tracker."""
+    follower = Follower(blinking)
+    for box in ((10.4, 20.3, 30.4, 40.4), (-3.0, 100.5, 20.0, 60.0), (5.0, 5.0, 0.2, 0.3)):
+        follower.init(video[0][0], box)
+        assert follower._tracker.box == whole_box(box, (160, 120))
+    assert whole_box((10.4, 20.3, 30.4, 40.4), (160, 120)) == (10, 20, 31, 41)
+
+
+@pytest.mark.parametrize("spoilt", ["box", "size"])
+def test_what_a_tracker_refuses_is_answered_as_lost(
+    spoilt: str, video: tuple[Frames, Boxes], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A first box of 3 × 3 px, or pictures that change size, cost their sequence and not the experiment."""
+    frames = [frame if spoilt == "box" or index < 2 else frame[:80] for index, frame in enumerate(video[0][:5])]
+    box = (30.0, 30.0, 3.0, 3.0) if spoilt == "box" else tuple(map(float, video[1][0]))
+    follower = Follower("TrackerHS")
+    for _ in range(2):
+        follower.init(frames[0], box)
+        answers = [follower.update(frame) for frame in frames[1:]]
+        refused = answers if spoilt == "box" else answers[1:]
+        assert {confidence for _, confidence in refused} == {0.0}
+        assert {place for place, _ in refused} == {box if spoilt == "box" else answers[0][0]}
+        said = capsys.readouterr().err.splitlines()
+        assert len(said) == 1
+        assert said[0].startswith("TrackerHS: answered as lost: ")
+    follower.init(video[0][0], video[1][0])
+    assert follower.update(video[0][1])[1] > 0
 
 
 def test_what_sees_the_truth_is_refused() -> None:

@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eval import flow, flow_data, flow_methods, flow_metrics, flow_picture, flow_plots, flow_run, flow_tables
+from eval.flow import command as flow
+from eval.flow import data as flow_data
+from eval.flow import methods as flow_methods
+from eval.flow import metrics as flow_metrics
+from eval.flow import picture as flow_picture
+from eval.flow import plots as flow_plots
+from eval.flow import run as flow_run
+from eval.flow import tables as flow_tables
+from eval.results import FlowResult
 
 WHOLE = np.ones((6, 8), bool)
 
@@ -260,7 +268,7 @@ import time
 
 import numpy as np
 
-from eval.flow_methods import MissingLibraryError
+from eval.flow.methods import MissingLibraryError
 
 
 def oracle():
@@ -332,7 +340,7 @@ def test_oracle_scores_zero_through_the_whole_machinery(tmp_path):
     ("factory", "note"),
     [
         ("raising", "failed: ZeroDivisionError"),
-        ("crashing", "failed: exit code 3"),
+        ("crashing", "failed: ended its process with code 3"),
         ("misshapen", "failed: ValueError: expected a flow of shape (40, 56, 2), got (3, 3, 2)"),
         ("half_blind", "failed: expected a finite estimated flow at every valid pixel"),
         ("missing", "skipped: cv2.magic is not in this wheel"),
@@ -351,7 +359,7 @@ def test_a_method_that_fails_is_a_note(tmp_path, factory, note):
 def test_a_method_that_hangs_is_stopped(tmp_path):
     """No answer in time is a note that says so."""
     result = run_one("own_methods:sleeping", tmp_path, timeout=4.0)
-    assert result.note == "failed: no answer in 4 s"
+    assert result.note == "failed: timed out after 4 s"
 
 
 def test_what_a_method_prints_does_no_harm(tmp_path):
@@ -382,8 +390,8 @@ def test_only_what_is_missing_is_run(tmp_path, monkeypatch):
     """A second run answers from disk; a changed pair, a lost picture or a changed method runs again."""
     first = run_one("own_methods:oracle", tmp_path)
     started = []
-    start = flow_run._start
-    monkeypatch.setattr(flow_run, "_start", lambda name: started.append(name) or start(name))
+    start = flow_run.Child
+    monkeypatch.setattr(flow_run, "Child", lambda *given: started.append(given) or start(*given))
     assert run_one("own_methods:oracle", tmp_path) == first
     assert started == []
     run_one("own_methods:oracle", tmp_path, make_pair(seed=5))
@@ -408,7 +416,7 @@ def test_a_broken_result_file_is_measured_again(tmp_path):
     (file,) = tmp_path.rglob("*.json")
     file.write_text(file.read_text()[:40])
     assert run_one("own_methods:oracle", tmp_path).scores == first.scores
-    assert json.loads(file.read_text())["result"]["pair"] == "pair"
+    assert json.loads(file.read_text())["pair"] == "pair"
 
 
 def test_fingerprint_follows_source_and_library(monkeypatch):
@@ -440,7 +448,8 @@ def made_results():
     groups = {"p": "tuned on", "q": "tuned on", "r": "held out"}
     errors = {"zero": (2.0, 4.0, 6.0), "dis-fast": (1.0, 1.0, 4.0), "hs-fast": (0.5, None, 1.0)}
     return [
-        flow_run.FlowResult(
+        FlowResult(
+            "key",
             method,
             pair,
             groups[pair],

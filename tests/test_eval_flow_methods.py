@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from eval import flow_methods
 from eval.baselines import flow_common, flow_discrete, flow_matching, flow_robust
+from eval.flow import methods as flow_methods
 
 SIZE = (144, 176)
 MARGIN = 16

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..track import whole_box
 from ..trackers import find_tracker
 from ..worker import resolve
 
@@ -39,21 +41,46 @@ class Follower:
         self._spec = spec
         self._tracker: Any = None
         self._box: BoxTuple = (0.0, 0.0, 0.0, 0.0)
+        self._said = False
 
     def init(self, image: NDArray[np.uint8], box: Sequence[float]) -> None:
-        """Start on a frame (H, W, 3), BGR, with x, y, w, h in px; 0-based."""
-        self._tracker = resolve(self._spec.factory)(**self._spec.params)
+        """Start on a frame (H, W, 3), BGR, with x, y, w, h in px; 0-based.
+
+        A tracker that refuses them has lost the object for the whole sequence; the reason goes to standard error.
+        """
         x, y, w, h = (float(value) for value in box)
-        self._box = (x, y, w, h)
-        # Whole numbers, as in our own runs.
-        self._tracker.init(image, tuple(round(value) for value in self._box))
+        self._box, self._said = (x, y, w, h), False
+        self._tracker = None
+        tracker = resolve(self._spec.factory)(**self._spec.params)
+        whole = whole_box(self._box, (image.shape[1], image.shape[0]))
+        try:
+            if tracker.init(image, whole) is False:
+                raise ValueError(f"init refused the box {whole}")
+        except Exception as error:  # the experiment goes on, whatever a tracker makes of one sequence of it
+            self._say(error)
+        else:
+            self._tracker = tracker
 
     def update(self, image: NDArray[np.uint8]) -> tuple[BoxTuple, float]:
-        """Box in the next frame and confidence in [0, 1]; while the object is lost, its last box and 0."""
-        ok, box = self._tracker.update(image)
+        """Box in the next frame and confidence in [0, 1]; while the object is lost, its last box and 0.
+
+        It is lost, too, in a frame that the tracker refuses; the first reason of a sequence goes to standard error.
+        """
+        if self._tracker is None:
+            return self._box, 0.0
+        try:
+            ok, box = self._tracker.update(image)
+        except Exception as error:
+            self._say(error)
+            return self._box, 0.0
         if not ok:
             return self._box, 0.0
         x, y, w, h = (float(value) for value in box)
         self._box = (x, y, w, h)
         score = float(self._tracker.getTrackingScore()) if hasattr(self._tracker, "getTrackingScore") else -1.0
         return self._box, score if score >= 0 else 1.0
+
+    def _say(self, error: Exception) -> None:
+        if not self._said:
+            print(f"{self.name}: answered as lost: {type(error).__name__}: {error}", file=sys.stderr)
+        self._said = True

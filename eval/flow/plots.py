@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from .flow_picture import wheel_legend
-from .flow_run import picture_path
-from .flow_tables import pair_table, summary_table
+from .picture import wheel_legend
+from .run import picture_path
+from .tables import pair_table, summary_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,7 +1,7 @@
 """Compare flow methods where the true flow is known: ``python -m eval flow``.
 
-Reads pairs (:mod:`eval.flow_data`), runs methods on them (:mod:`eval.flow_run`), and writes tables
-(:mod:`eval.flow_tables`) and plots (:mod:`eval.flow_plots`). What was measured before, with the same code on the
+Reads pairs (:mod:`eval.flow.data`), runs methods on them (:mod:`eval.flow.run`), and writes tables
+(:mod:`eval.flow.tables`) and plots (:mod:`eval.flow.plots`). What was measured before, with the same code on the
 same frames, is not measured again.
 """
 
@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from .flow_data import FlowPair, dataset_pairs, suite_pairs
-from .flow_methods import FLOW_METHODS, flow_method
-from .flow_picture import flow_to_color, largest_flow
-from .flow_run import FlowResult, MethodProcess, RunOptions, picture_path, run_pair
-from .options import Out, Suite
-from .progress import Steps, make_console
+from ..options import Out, Suite
+from ..progress import Steps, make_console
+from ..results import FlowResult
+from .data import FlowPair, dataset_pairs, suite_pairs
+from .methods import FLOW_METHODS, flow_method
+from .picture import flow_to_color, largest_flow
+from .run import MethodProcess, RunOptions, picture_path, run_pair
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -127,8 +128,8 @@ def main_flow(
     timeout
         Seconds for one method on one pair.
     """
-    from .flow_plots import save_plots
-    from .flow_tables import results_frame, save_tables, show
+    from .plots import save_plots
+    from .tables import results_frame, save_tables, show
 
     if suite is None and dataset is None:
         suite = "standard"

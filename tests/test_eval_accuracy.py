@@ -12,18 +12,19 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import IO
 
 import cv2
 import numpy as np
 import psutil
 import pytest
 
-from eval import runner
+from eval import process as protocol
+from eval.accuracy import Job, make_jobs, run_jobs, run_one, start_box
 from eval.metrics import frame_scores, summarise
+from eval.process import Limits
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun
-from eval.runner import Job, Limits, make_jobs, measure_speed, run_jobs, run_one, start_box
 from eval.sequences import Sequence, load_dataset
+from eval.speed import measure_speed
 from eval.trackers import DEFAULT_TRACKERS, TRACKERS, TrackerSpec, code_version, find_tracker
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -103,6 +104,58 @@ def _daemon(self):
     os._exit(0)
 Daemon = bad("Daemon", _daemon)
 
+def _note(self, number):
+    with open(self.params["path"], "w") as diary:
+        diary.write(str(number))
+
+def _double_daemon(self):
+    """Leaves a process of another session behind whose parent is gone."""
+    open(self.params["path"], "w").close()
+    child = os.fork()
+    if child:
+        os.waitpid(child, 0)
+        while not os.path.getsize(self.params["path"]):
+            time.sleep(0.01)
+        return True, self.box
+    os.setsid()
+    if os.fork():
+        os._exit(0)
+    _note(self, os.getpid())
+    time.sleep(600)
+    os._exit(0)
+DoubleDaemon = bad("DoubleDaemon", _double_daemon)
+DaemonCrash = bad("DaemonCrash", lambda self: (_double_daemon(self), ctypes.string_at(0)))
+
+def _hidden_memory(self):
+    """Four processes of sessions of their own, each with a third of what is allowed."""
+    for _ in range(4):
+        if os.fork() == 0:
+            os.setsid()
+            held = np.ones(12_500_000)
+            time.sleep(600)
+    time.sleep(600)
+HiddenMemory = bad("HiddenMemory", _hidden_memory)
+
+def _crowd(self):
+    for _ in range(25):
+        if os.fork() == 0:
+            os.setsid()
+            if os.fork() == 0:
+                time.sleep(600)
+            os._exit(0)
+    time.sleep(600)
+Crowd = bad("Crowd", _crowd)
+
+def _killed(self):
+    with open(self.params["path"], "r+") as diary:
+        deaths = len(diary.read())
+        if deaths < self.params["deaths"]:
+            diary.write("x")
+            diary.flush()
+            os.kill(os.getpid(), signal.SIGKILL)
+    return True, self.box
+Killed = bad("Killed", _killed)
+
 def _scribble(self):
     for number in range(3, 30):
         try: os.write(number, b"[]\\n")
@@ -120,6 +173,11 @@ def _vandal_update(self, image):
     image[:] = 0
     return True, self.box
 Vandal.update = _vandal_update
+
+def _go_away(self):
+    os.chdir("/")
+    return True, self.box
+Wanderer = bad("Wanderer", _go_away)
 
 class Refusing(Base):
     def init(self, image, box): return False
@@ -273,51 +331,86 @@ def test_a_tracker_that_prints_without_end_is_ended(
     bad: Callable[..., TrackerSpec], sequence: Sequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What it prints goes to the disk, which is not its own."""
-    monkeypatch.setattr(runner, "_PRINTED_MEGABYTES", 0.5)
+    monkeypatch.setattr(protocol, "_PRINTED_MEGABYTES", 0.5)
     assert run_one(Job(bad("Talkative"), sequence)).status == "printed more than 0.5 MB at frame 3"
 
 
+def test_a_relative_data_set_survives_a_tracker_that_goes_elsewhere(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a data set lies is said once, from where the command was given."""
+    monkeypatch.chdir(tmp_path)
+    (relative,) = load_dataset("otb:data/tiny")
+    run = run_one(Job(bad("Wanderer"), relative))
+    assert run.status == COMPLETED
+    assert mean_iou(run, sequence) == pytest.approx(np.mean(STATIC))
+
+
 def test_a_tracker_that_ends_late_is_not_waited_for(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
-    """All its answers count, and the row says what was the matter."""
-    run = run_one(Job(bad("Linger"), sequence), limits=Limits(seconds=2.0))
-    assert run.status == "timed out after 2 s after the last frame"
+    """All its answers count, and what it has left running ends with its process."""
+    run = run_one(Job(bad("Linger"), sequence), limits=Limits(seconds=20.0))
+    assert run.status == COMPLETED
     assert run.trajectory.ok.all()
 
 
-def test_children_of_a_tracker_end_with_it(
-    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+def gone(number: int) -> bool:
+    """Whether a process ends within a few seconds."""
+    deadline = time.monotonic() + 10.0
+    while psutil.pid_exists(number) and psutil.Process(number).status() != psutil.STATUS_ZOMBIE:
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="orphans are ours on Linux only")
+@pytest.mark.parametrize("name", ["Children", "Daemon", "DoubleDaemon", "DaemonCrash"])
+def test_processes_of_a_tracker_end_with_it(
+    name: str, bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
 ) -> None:
-    """Processes that it started are gone when its run is over, in either kind of run."""
-    diary = tmp_path / "diary"
-    spec = bad("Children", path=str(diary))
-    assert run_one(Job(spec, sequence)).status == COMPLETED
-    first = int(diary.read_text())
-    measure_speed([spec], [sequence], Folder(tmp_path / "results"), report=lambda run, reused: None)
-    for child in (first, int(diary.read_text())):
-        deadline = time.monotonic() + 10.0
-        while psutil.pid_exists(child) and psutil.Process(child).status() != psutil.STATUS_ZOMBIE:
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+    """In a session of their own, orphaned, with our pipes open, its process crashed: all are gone after the run."""
+    diary, found = tmp_path / "diary", []
+    diary.touch()
+    spec, limits = bad(name, path=str(diary)), Limits(paths=(str(diary),))
+    status = run_one(Job(spec, sequence), limits=limits).status
+    assert status == ("crashed (SIGSEGV) at frame 3" if name == "DaemonCrash" else COMPLETED)
+    assert gone(int(diary.read_text()))
+    measure_speed(
+        [spec],
+        [sequence],
+        Folder(tmp_path / "results"),
+        limits=limits,
+        report=lambda run, reused: found.append(run.status),
+    )
+    assert gone(int(diary.read_text()))
+    assert found == [{name: status.removesuffix(" at frame 3")}]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
-def test_a_daemon_with_our_files_open_holds_nothing_up(
-    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+def test_the_limits_hold_for_all_processes_of_a_tracker(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """Memory is that of all together, in whatever session, and so is their number."""
+    limits = Limits(seconds=60.0, megabytes=300.0, processes=20)
+    run = run_one(Job(bad("HiddenMemory"), sequence), limits=limits)
+    assert run.status == "used more than 300 MB of memory at frame 3"
+    run = run_one(Job(bad("Crowd"), sequence), limits=limits)
+    assert run.status == "started more than 20 processes at frame 3"
+
+
+@pytest.mark.parametrize(
+    ("deaths", "status", "updates"),
+    [(2, COMPLETED, COUNT - 1), (99, "was killed (SIGKILL) at frame 3", 2)],
+)
+def test_a_process_killed_from_outside_is_started_again(
+    deaths: int, status: str, updates: int, bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
 ) -> None:
-    """A process that the tracker hid from us keeps our pipe open: neither kind of run waits for its end."""
-    diary, found = tmp_path / "diary", []
-    spec, daemons = bad("Daemon", path=str(diary)), []
-    try:
-        assert run_one(Job(spec, sequence)).status == COMPLETED
-        daemons.append(int(diary.read_text()))
-        measure_speed(
-            [spec], [sequence], Folder(tmp_path / "results"), report=lambda run, reused: found.append(run.status)
-        )
-        daemons.append(int(diary.read_text()))
-    finally:
-        for daemon in daemons:
-            os.kill(daemon, signal.SIGKILL)
-    assert found == [{"Daemon": COMPLETED}]
+    """The out-of-memory killer, a person: the job is run again; a tracker that always dies so is charged."""
+    diary = tmp_path / "diary"
+    diary.touch()
+    spec = bad("Killed", path=str(diary), deaths=deaths)
+    run = run_one(Job(spec, sequence), limits=Limits(paths=(str(diary),)))
+    assert run.status == status
+    assert run.trajectory.ok.sum() == updates + 1
+    assert len(diary.read_text()) == min(deaths, 3)
 
 
 def test_what_is_written_among_the_answers_is_noticed(
@@ -518,33 +611,10 @@ def test_a_full_disk_is_a_clear_message(
     assert [path.name for path in (tmp_path / "results").rglob("*.*")] == []
 
 
-def test_a_full_disk_for_the_records_is_no_trackers_fault(
-    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A worker that cannot write what its tracker answers ends the run with a clear message, and marks no row."""
-    if not Path("/dev/full").exists():
-        pytest.skip("no /dev/full on this system")
-    spawn = runner._spawn
-
-    def onto_a_full_disk(stdin: IO[str], stdout: IO[str], stderr: IO[str]) -> subprocess.Popen[str]:
-        with open("/dev/full", "w") as full:
-            return spawn(stdin, full, stderr)
-
-    def no_room(self: Path, data: bytes) -> int:
-        raise OSError(28, "No space left on device")
-
-    folder = Folder(tmp_path / "results")
-    monkeypatch.setattr(runner, "_spawn", onto_a_full_disk)
-    monkeypatch.setattr(Path, "write_bytes", no_room)
-    with pytest.raises(ResultsError, match=r"cannot write to .*: No space left on device"):
-        run_jobs(make_jobs([bad("Fine")], [sequence]), folder, workers=1, report=collect([]))
-    assert not list((tmp_path / "results").rglob("*.json"))
-
-
 def test_a_tracker_that_leaves_with_the_workers_own_code_costs_its_row(
     bad: Callable[..., TrackerSpec], sequence: Sequence
 ) -> None:
-    """Where there is room on the disk, an exit code is the tracker's."""
+    """An exit code is the tracker's, whatever it is."""
     assert run_one(Job(bad("LeaveFull"), sequence)).status == "ended its process with code 74 at frame 3"
 
 
@@ -656,6 +726,7 @@ def test_speed_is_measured_side_by_side_and_survives(
         )
     (first, reused), (_, again) = found
     assert (reused, again) == (False, True)
+    assert len(first.milliseconds.pop("Glutton")) in (2, 3, 4)  # its memory is looked at now and then
     assert {name: len(times) for name, times in first.milliseconds.items()} == {
         "Fine": 4,
         "Segfault": 1,
@@ -663,7 +734,6 @@ def test_speed_is_measured_side_by_side_and_survives(
         "Hang": 1,
         "FailingInit": 0,
         "Memory": 1,
-        "Glutton": 4,
     }
     assert all(value >= 0 for value in first.milliseconds["Fine"])
     assert first.status["Fine"] == COMPLETED
@@ -687,6 +757,7 @@ def test_trackers_take_turns_of_a_block_of_updates(
 ) -> None:
     """After the updates to warm up, each has its few frames before the next one has the same; none is left out."""
     diary = tmp_path / "diary"
+    diary.touch()
     specs = [replace(bad("Diary", label=name, path=str(diary)), name=name) for name in "ab"]
     found: list[SpeedRun] = []
     measure_speed(
@@ -696,6 +767,7 @@ def test_trackers_take_turns_of_a_block_of_updates(
         frames=40,
         warm_up=1,
         block=block,
+        limits=Limits(paths=(str(diary),)),
         report=lambda run, reused: found.append(run),
     )
     assert diary.read_text().split() == turns.split()

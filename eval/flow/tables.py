@@ -9,9 +9,9 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from .flow_methods import YARDSTICK, flow_method
-from .flow_metrics import FLOW_METRICS
-from .flow_run import FlowResult
+from ..results import FlowResult
+from .methods import YARDSTICK, flow_method
+from .metrics import FLOW_METRICS
 
 __all__ = ["pair_table", "results_frame", "save_tables", "show", "summary_table"]
 

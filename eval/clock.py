@@ -1,0 +1,98 @@
+"""Times that a child reports, held against the clock of the parent.
+
+A child measures the call that counts, and nothing round it. It could be made to say anything, so that each time must
+be positive, no longer than the exchange in which it was reported, and not much shorter either.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .process import Child, ChildError
+
+__all__ = ["Clock", "SkippedError", "UntrueTimeError", "untrue_time"]
+
+_SLACK_MS = 0.2  # what an exchange may take besides its usual time: caches are colder after a call
+_EXCHANGES = 3.0  # and how many times the usual
+
+
+class UntrueTimeError(ChildError):
+    """A time that was reported cannot be true."""
+
+
+class SkippedError(ChildError):
+    """What is judged is not there on this machine; the message says what is missing."""
+
+
+class Clock:
+    """The clock of one child: to be made before anything foreign runs in it.
+
+    Parameters
+    ----------
+    child : Child
+    """
+
+    def __init__(self, child: Child) -> None:
+        self._child = child
+        # Before what is judged is there, which could make it look long.
+        self._transport_ms = 1000.0 * child.transport()[1]
+        self._missing: list[float] = []
+
+    def timed(self, content: Mapping[str, Any]) -> tuple[float, float]:
+        """Processor time and time that passed of one call, ms, as the answer's "cpu_ms" and "wall_ms" say.
+
+        Raises
+        ------
+        ChildError
+            If there is no answer; a :class:`SkippedError` if there is nothing to call.
+        UntrueTimeError
+            If the times in it cannot be true.
+        """
+        answer = self._child.ask(content)
+        if "skipped" in answer.content:
+            raise SkippedError(str(answer.content["skipped"]))
+        try:
+            cpu, wall = float(answer.content["cpu_ms"]), float(answer.content["wall_ms"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise ChildError("wrote among its own answers") from error
+        complaint = untrue_time(cpu, wall, 1000.0 * answer.cpu, 1000.0 * answer.wall)
+        if complaint:
+            raise UntrueTimeError(complaint)
+        self._missing.append(1000.0 * answer.cpu - cpu)
+        return cpu, wall
+
+    def check(self) -> None:
+        """Refuse times that leave out what our clock has seen since the last check: the median decides.
+
+        Raises
+        ------
+        UntrueTimeError
+            Saying how much is missing.
+        """
+        usual = float(np.median(self._missing)) if self._missing else 0.0
+        self._missing.clear()
+        if usual > _SLACK_MS + _EXCHANGES * self._transport_ms:
+            raise UntrueTimeError(f"reported {usual:.3f} ms less per call than it took by the clock of the referee")
+
+
+def untrue_time(cpu: float, wall: float, our_cpu: float, our_wall: float) -> str:
+    """Say why times that a child reports for one call cannot be true, or nothing.
+
+    Parameters
+    ----------
+    cpu, wall : float
+        Processor time and time that passed, ms, as reported.
+    our_cpu, our_wall : float
+        The same for the whole exchange, by our own clock; `our_cpu` is NaN where the system does not tell.
+    """
+    if not (0.0 < cpu < math.inf and 0.0 < wall < math.inf):
+        return f"reported a call of {min(cpu, wall):g} ms"
+    if wall > our_wall:
+        return f"reported a call of {wall:.3f} ms, which took {our_wall:.3f} ms by the clock of the referee"
+    if cpu > our_cpu:
+        return f"reported {cpu:.3f} ms of processor time, and has taken {our_cpu:.3f} ms"
+    return ""

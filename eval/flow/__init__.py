@@ -1,0 +1,1 @@
+"""Dense flow methods, compared where the true flow is known: ``python -m eval flow``."""

@@ -1,0 +1,97 @@
+"""One tracker on its way through a sequence: the service that its process runs (see :mod:`eval.worker`).
+
+Requests: ``{"do": "open", "factory": "pkg.module:name", "params": {...}}``; ``{"do": "frame"}`` with an image, which
+the next two are about; ``{"do": "init", "box": [x, y, w, h]}``; ``{"do": "update"}``, whose answer is ``{"ok": true,
+"box": [x, y, w, h], "score": 0.9, "cpu_ms": 1.2, "wall_ms": 1.3}``: the times are of the call of `update` alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from time import perf_counter, process_time
+from typing import Any
+
+from numpy.typing import NDArray
+
+from .worker import Arrays, resolve
+
+__all__ = ["Track", "whole_box"]
+
+
+def whole_box(box: Sequence[float], size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Box that a tracker starts from, here and in other people's harnesses: whole pixels inside the frame.
+
+    The edges are rounded. cv2's newer trackers take nothing but whole numbers, and some of them die of a box that
+    reaches outside.
+
+    Parameters
+    ----------
+    box : sequence of float
+        x, y, w, h, px.
+    size : (int, int)
+        Width and height of the frame, px.
+
+    Returns
+    -------
+    (int, int, int, int)
+        At least one pixel wide and high.
+    """
+    (x, y, w, h), (width, height) = box, size
+    left, top = min(max(round(x), 0), width - 1), min(max(round(y), 0), height - 1)
+    right, bottom = min(max(round(x + w), left + 1), width), min(max(round(y + h), top + 1), height)
+    return left, top, right - left, bottom - top
+
+
+class Track:
+    """A tracker and the frame that it is given."""
+
+    def __init__(self) -> None:
+        self._tracker: Any = None
+        self._frame: NDArray[Any] | None = None
+
+    def answer(self, content: Mapping[str, Any], arrays: Arrays) -> tuple[Mapping[str, Any], Arrays]:
+        """Do what is asked.
+
+        Raises
+        ------
+        ValueError
+            If the tracker refuses its box, or answers something that is no box.
+        """
+        if content["do"] == "open":
+            self._tracker = resolve(content["factory"])(**content["params"])
+        elif content["do"] == "frame":
+            self._frame = arrays[0]
+        elif content["do"] == "init":
+            self._init(content["box"])
+        else:
+            return self._update(), ()
+        return {}, ()
+
+    def _init(self, box: list[int]) -> None:
+        whole = tuple(int(value) for value in box)
+        if self._tracker.init(self._frame, whole) is False:
+            raise ValueError(f"init refused the box {whole}")
+
+    def _update(self) -> dict[str, Any]:
+        start, busy = perf_counter(), process_time()
+        answer = self._tracker.update(self._frame)
+        times = {"cpu_ms": 1000.0 * (process_time() - busy), "wall_ms": 1000.0 * (perf_counter() - start)}
+        ok, box = _checked(answer)
+        return {"ok": ok, "box": box, "score": self._score(), **times}
+
+    def _score(self) -> float:
+        # OpenCV 5 gives every tracker the method; −1 is its way of saying that there is no score.
+        score = float(self._tracker.getTrackingScore()) if hasattr(self._tracker, "getTrackingScore") else math.nan
+        return score if score >= 0 else math.nan
+
+
+def _checked(answer: Any) -> tuple[bool, list[float]]:
+    try:
+        ok, box = answer
+        values = [float(value) for value in box]
+    except (TypeError, ValueError):
+        values = []
+    if len(values) != 4:
+        raise ValueError(f"update returned {answer!r}, expected (ok, (x, y, w, h))")
+    return bool(ok), values
