@@ -1,13 +1,15 @@
 """Sequences as files that other people's tools read. Pixels survive exactly: PNG and FFV1, never a lossy codec.
 
-Every layout has a folder of its own per sequence, which also holds `manifest.json` (the spec, its digest, the
-renderer's version) and `visibility.txt`.
+Every layout has a folder of its own per sequence, which also holds `manifest.json` (attributes, the spec, its digest,
+the renderer's version) and `visibility.txt`. Numbers are written so that they come back to the last bit. Images that
+other tools look for as .jpg are PNG under that name, which every reader opens by content.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +26,13 @@ __all__ = [
 ]  # fmt: skip
 
 _FPS = 25.0
+_ANCHOR_FRAMES = 50
+_ANCHOR_VISIBILITY = 0.5  # a start box of something that is hidden is no start
 _FLO_MAGIC = 202021.25
 
 
 def write_otb(sequence: Sequence, root: Path) -> Path:
-    """Write `img/0001.png` … and `groundtruth_rect.txt`: 1-based, comma-separated amodal boxes.
+    """Write `img/0001.jpg` … and `groundtruth_rect.txt`: 1-based, comma-separated amodal boxes.
 
     Parameters
     ----------
@@ -42,9 +46,10 @@ def write_otb(sequence: Sequence, root: Path) -> Path:
         The folder of the sequence.
     """
     folder = _folder(sequence, root)
-    _images(sequence, folder / "img", "{:04d}.png", 1)
-    _table(folder / "groundtruth_rect.txt", sequence.boxes + np.array([1.0, 1.0, 0.0, 0.0]))
-    (folder / "attributes.txt").write_text(",".join(sequence.attributes) + "\n")
+    _images(sequence, folder / "img", "{:04d}.jpg", 1)
+    # In decimals: x + 1 in binary would lose the last bit of x.
+    rows = [[Decimal(repr(x)) + 1, Decimal(repr(y)) + 1, w, h] for x, y, w, h in sequence.boxes.tolist()]
+    _rows(folder / "groundtruth_rect.txt", rows)
     return folder
 
 
@@ -61,19 +66,20 @@ def read_otb_boxes(path: Path) -> NDArray[np.float64]:
         x, y, w, h of the project's convention: 0-based.
     """
     lines = path.read_text().replace(",", " ").splitlines()
-    boxes = np.array([[float(value) for value in line.split()] for line in lines if line.strip()])
-    return np.asarray(boxes - np.array([1.0, 1.0, 0.0, 0.0]))
+    rows = [[Decimal(word) for word in line.split()] for line in lines if line.strip()]
+    return np.array([[float(x - 1), float(y - 1), float(w), float(h)] for x, y, w, h in rows])
 
 
 def write_vot(sequence: Sequence, root: Path) -> Path:
-    """Write `color/00000001.png` …, `groundtruth.txt` (8 numbers: the corners of the box), `sequence`, tags.
+    """Write `color/00000001.png` …, `groundtruth.txt` (x, y, w, h), `anchor.value`, `sequence`, tags.
 
-    Takes and gives what `write_otb` does; ``root / "list.txt"`` gains the sequence's name.
+    Takes and gives what `write_otb` does; ``root / "list.txt"`` gains the sequence's name. Boxes are rectangles of
+    four numbers: a polygon of eight is filled by the toolkit to its last row and column, one pixel too large.
     """
     folder = _folder(sequence, root)
     _images(sequence, folder / "color", "{:08d}.png", 1)
-    x, y, w, h = sequence.boxes.T
-    _table(folder / "groundtruth.txt", np.column_stack([x, y, x + w, y, x + w, y + h, x, y + h]))
+    _table(folder / "groundtruth.txt", sequence.boxes)
+    _table(folder / "anchor.value", _anchors(sequence)[:, np.newaxis])
     for name, flags in sequence.frame_attributes.items():
         _table(folder / f"{name}.tag", flags[:, np.newaxis].astype(int))
     height, width = sequence.frames.shape[1:3]
@@ -86,11 +92,19 @@ def write_vot(sequence: Sequence, root: Path) -> Path:
     return folder
 
 
+def _anchors(sequence: Sequence) -> NDArray[np.int64]:
+    """Where VOT starts a tracker anew: 1 runs to the end, −1 to the beginning, whichever is farther."""
+    frames = np.arange(len(sequence))
+    starts = (frames % _ANCHOR_FRAMES == 0) & (sequence.visibility >= _ANCHOR_VISIBILITY)
+    return np.where(starts, np.where(frames <= frames[-1] - frames, 1, -1), 0)
+
+
 def write_got10k(sequence: Sequence, root: Path) -> Path:
     """Write the layout of GOT-10k: images, `groundtruth.txt`, `meta_info.ini`, three label files, `list.txt`.
 
-    Takes and gives what `write_otb` does. The images are PNG under the name .jpg, on which the toolkit insists and
-    which every reader opens by content. Boxes are 0-based, since the toolkit hands them on as they are.
+    Takes and gives what `write_otb` does. Boxes are 0-based, since the toolkit hands them on as they are.
+    `cover.label` counts eighths, rounded up, so that 0 is what cannot be seen at all, as in the toolkit;
+    `visibility.txt` says exactly how much can be seen.
     """
     folder = _folder(sequence, root)
     _images(sequence, folder, "{:08d}.jpg", 1)
@@ -252,11 +266,12 @@ def _image(path: Path, image: NDArray[np.uint8]) -> None:
 
 
 def _table(path: Path, values: NDArray[Any]) -> None:
-    def text(value: float) -> str:
-        return str(value) if isinstance(value, int) else f"{value:.4f}"
+    _rows(path, values.tolist())
 
-    rows: Iterable[list[float]] = values.tolist()
-    path.write_text("".join(",".join(text(value) for value in row) + "\n" for row in rows))
+
+def _rows(path: Path, rows: Iterable[Iterable[object]]) -> None:
+    """Numbers as they print, which for floats is the shortest text that gives the same number."""
+    path.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
 
 
 def _list(root: Path, name: str) -> None:

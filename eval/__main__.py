@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import warnings
 from importlib import import_module
 
 __all__ = ["COMMANDS", "main"]
@@ -50,7 +51,12 @@ def _run(name: str, arguments: list[str]) -> int:
     module, _, function = COMMANDS[name][0].partition(":")
     try:
         command = getattr(import_module(module), function)
-        chosen = tyro.cli(command, args=arguments, prog=f"python -m eval {name}", config=(tyro.conf.OmitArgPrefixes,))
+        with warnings.catch_warnings():
+            # One line each, as errors are, and not the line of source that says it.
+            warnings.showwarning = _show_warning
+            chosen = tyro.cli(
+                command, args=arguments, prog=f"python -m eval {name}", config=(tyro.conf.OmitArgPrefixes,)
+            )
         return int(chosen or 0)
     except (ResultsError, ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -58,6 +64,10 @@ def _run(name: str, arguments: list[str]) -> int:
     except KeyboardInterrupt:
         print("interrupted: what was finished is stored, the same command goes on from there", file=sys.stderr)
         return 130
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    print(f"warning: {message}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,13 @@ from pathlib import Path
 
 from . import ablation, regression
 from .accuracy import make_jobs, run_jobs
+from .datasets import load_dataset
 from .options import Dataset, Jobs, Only, Out, Paths, Suite, SuiteName, Trackers
 from .process import Limits
 from .progress import Steps, make_console
 from .report import write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
-from .sequences import Sequence, SequenceError, load_dataset, load_suite
+from .sequences import Sequence, load_suite
 from .speed import BLOCK, TIMED_UPDATES, measure_speed
 from .tables import (
     console_table,
@@ -28,6 +29,7 @@ from .tables import (
     write_tables,
 )
 from .trackers import DEFAULT_TRACKERS, TrackerSpec, find_tracker
+from .truthfiles import SequenceError
 
 __all__ = ["ablate", "bench", "check", "report", "run", "speed"]
 
@@ -214,7 +216,7 @@ def _load(
         raise SequenceError("expected --suite or --dataset, got both")
     source = dataset or f"suite:{suite or 'standard'}"
     with _console.status(f"reading {source}"):
-        found = load_dataset(dataset) if dataset else load_suite(suite or "standard")
+        found = load_dataset(dataset, only) if dataset else load_suite(suite or "standard")
     unknown = set(only) - {sequence.name for sequence in found}
     if unknown:
         names = ", ".join(sequence.name for sequence in found)

@@ -11,7 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FrameSource", "FrameSourceError"]
+__all__ = ["IMAGE_FLAGS", "FrameSource", "FrameSourceError"]
+
+IMAGE_FLAGS = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
+"""Of ``cv2.imread``: gray stays gray and 16 bits stay 16, as ``hs-track`` reads them."""
 
 
 class FrameSourceError(ValueError):
@@ -58,7 +61,7 @@ class FrameSource:
 
     def _images(self) -> Iterator[NDArray[Any]]:
         for path in self.paths:
-            image = cv2.imread(path, cv2.IMREAD_COLOR)
+            image = cv2.imread(path, IMAGE_FLAGS)
             if image is None:
                 raise FrameSourceError(f"cannot read the frame {path}")
             yield image

@@ -15,6 +15,7 @@ from datasets_synthetic import SUITES, Sequence, render
 from datasets_synthetic.__main__ import main
 from datasets_synthetic.export import (
     FORMATS,
+    _anchors,
     read_flo,
     read_otb_boxes,
     write_coco,
@@ -55,7 +56,7 @@ def test_otb_round_trip(sequence: Sequence, tmp_path: Path) -> None:
     np.testing.assert_allclose(raw[:, :2], sequence.boxes[:, :2] + 1, atol=1e-4)
     np.testing.assert_allclose(read_otb_boxes(folder / "groundtruth_rect.txt"), sequence.boxes, atol=1e-4)
     files = sorted((folder / "img").iterdir())
-    assert [file.name for file in files] == [f"{t:04d}.png" for t in range(1, 6)]
+    assert [file.name for file in files] == [f"{t:04d}.jpg" for t in range(1, 6)]
     for file, frame in zip(files, sequence.frames, strict=True):
         np.testing.assert_array_equal(cv2.imread(str(file)), frame)
 
@@ -70,17 +71,25 @@ def test_otb_truth_with_any_separator(text: str, tmp_path: Path) -> None:
 
 
 def test_vot_layout(hidden: Sequence, tmp_path: Path) -> None:
-    """Eight numbers a line, the corners of the box; tags per frame; the sequence file says how long it is."""
+    """Four numbers a line; tags per frame; the sequence file says how long it is."""
     folder = write_vot(hidden, tmp_path)
-    corners = numbers(folder / "groundtruth.txt").reshape(-1, 4, 2)
-    np.testing.assert_allclose(corners.min(axis=1), hidden.boxes[:, :2], atol=1e-3)
-    np.testing.assert_allclose(np.ptp(corners, axis=1), hidden.boxes[:, 2:], atol=1e-3)
+    np.testing.assert_array_equal(numbers(folder / "groundtruth.txt"), hidden.boxes)
     assert (folder / "absent.tag").read_text().split() == ["0", "0", "1", "1", "0", "0"]
     facts = dict(line.split("=") for line in (folder / "sequence").read_text().split())
     assert facts["length"] == "6"
     assert facts["width"] == "160"
     assert (folder / (facts["channels.color"] % 6)).is_file()
     assert (tmp_path / "list.txt").read_text().split() == [hidden.name]
+    assert (folder / "anchor.value").read_text().split() == ["1", "0", "0", "0", "0", "0"]
+
+
+def test_vot_anchors(tmp_path: Path, sequence: Sequence) -> None:
+    """Every fiftieth frame in which the target can be seen; from the second half on the run is backward."""
+    visibility = np.ones(220)
+    visibility[50] = 0.2
+    longer = replace(sequence, frames=np.zeros((220, 8, 8), np.uint8), visibility=visibility)
+    anchors = _anchors(longer)
+    assert {int(frame): int(anchors[frame]) for frame in np.flatnonzero(anchors)} == {0: 1, 100: 1, 150: -1, 200: -1}
 
 
 def test_got10k_layout(hidden: Sequence, sequence: Sequence, tmp_path: Path) -> None:
@@ -158,7 +167,7 @@ def test_every_format_leaves_a_manifest(sequence: Sequence, tmp_path: Path) -> N
         manifest = json.loads((folder / "manifest.json").read_text())
         assert manifest["digest"] == sequence.spec.digest()
         assert manifest["spec"] == repr(sequence.spec)
-        np.testing.assert_allclose(numbers(folder / "visibility.txt").ravel(), sequence.visibility, atol=1e-4)
+        np.testing.assert_allclose(numbers(folder / "visibility.txt").ravel(), sequence.visibility, atol=0)
 
 
 @pytest.mark.parametrize("name", ["sequence", "hidden"])

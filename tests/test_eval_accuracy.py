@@ -20,10 +20,11 @@ import pytest
 
 from eval import process as protocol
 from eval.accuracy import Job, make_jobs, run_jobs, run_one, start_box
+from eval.datasets import load_dataset
 from eval.metrics import frame_scores, summarise
 from eval.process import Limits
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun
-from eval.sequences import Sequence, load_dataset
+from eval.sequences import Sequence
 from eval.speed import measure_speed
 from eval.trackers import DEFAULT_TRACKERS, TRACKERS, TrackerSpec, code_version, find_tracker
 

@@ -18,11 +18,12 @@ from numpy.testing import assert_array_equal
 
 from eval.accuracy import Job, hidden_paths, run_one
 from eval.clock import untrue_time
+from eval.datasets import load_dataset
 from eval.metrics import frame_scores, summarise
 from eval.process import Child, ChildError, Limits
 from eval.results import COMPLETED, Folder, SpeedRun
 from eval.sandbox import available, readable_paths
-from eval.sequences import Sequence, load_dataset
+from eval.sequences import Sequence
 from eval.speed import measure_speed
 from eval.trackers import TrackerSpec
 from eval.wire import GarbledError, read_message, write_message

@@ -1,0 +1,190 @@
+"""Text files of truth: boxes, visibility, attributes. What is not understood is refused with file, line and text."""
+
+from __future__ import annotations
+
+import configparser
+import json
+import re
+import warnings
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["SequenceError", "SequenceWarning", "read_attributes", "read_boxes", "read_numbers", "read_text"]
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$", re.ASCII)
+_ABSENT = re.compile(r"[+-]?nan$", re.IGNORECASE)
+
+
+class SequenceError(ValueError):
+    """A data set that is not what it should be; the message names the file."""
+
+
+class SequenceWarning(UserWarning):
+    """Something about a data set that its user should know, and that stops nothing."""
+
+
+def read_text(path: Path) -> str:
+    """Text of a file in UTF-8, with or without a byte order mark.
+
+    Raises
+    ------
+    SequenceError
+        If it cannot be read, or is no such text.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise SequenceError(f"cannot read {path}: {error.strerror or error}") from error
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise SequenceError(f"{path}: expected text in UTF-8, found UTF-16")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SequenceError(
+            f"{path}: expected text in UTF-8, found {data[error.start]:#04x} at {error.start}"
+        ) from error
+
+
+def read_boxes(path: Path, *, first: int, count: int | None = None) -> NDArray[np.float64]:
+    """Read a text file of boxes: one line per frame, separated by commas, tabs, semicolons or spaces.
+
+    Parameters
+    ----------
+    path : Path
+    first : int
+        Coordinate of the first pixel in the file: 1 for OTB, 0 for GOT-10k, VOT and us.
+    count : int, optional
+        Number of frames. Empty lines at the end stand for frames as far as there are any; without a number they are
+        the end of the file.
+
+    Returns
+    -------
+    ndarray, shape (T, 4)
+        x, y, w, h, 0-based. Lines of 8 numbers are polygons, of which this is the bounding box. Lines that are
+        empty, hold a NaN or a box without area give NaN.
+
+    Raises
+    ------
+    SequenceError
+        Naming the line that holds neither 4 nor 8 numbers, and what it holds.
+    """
+    lines = read_text(path).splitlines()
+    while lines and not lines[-1].strip() and len(lines) > (count or 0):
+        lines.pop()
+    boxes = [_read_box(line, f"{path}:{number}", first) for number, line in enumerate(lines, start=1)]
+    found = np.array(boxes, dtype=np.float64).reshape(-1, 4)
+    found[~(np.isfinite(found).all(axis=1) & (found[:, 2:] > 0).all(axis=1))] = np.nan
+    return found
+
+
+def _read_box(line: str, where: str, first: int) -> tuple[float, ...]:
+    words = _words(line.strip(), where)
+    if not words:
+        return (np.nan,) * 4
+    wrong = [word for word in words if not (_NUMBER.match(word) or _ABSENT.match(word))]
+    if wrong:
+        raise SequenceError(f"{where}: expected numbers, got {wrong[0]!r} in {line.strip()!r}")
+    if len(words) not in (4, 8):
+        raise SequenceError(
+            f"{where}: expected 4 numbers or a polygon of 8, got {len(words)} in {line.strip()[:80]!r}"
+        )
+    if any(_ABSENT.match(word) for word in words):
+        return (np.nan,) * 4
+    # In decimals, so that what was written as x + 1 comes back as x to the last bit.
+    values = [Decimal(word) for word in words]
+    if len(values) == 8:
+        xs, ys = values[0::2], values[1::2]
+        values = [min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)]
+    x, y, w, h = values
+    return float(x - first), float(y - first), float(w), float(h)
+
+
+def _words(line: str, where: str) -> list[str]:
+    """Fields of a line, whatever separates them."""
+    if not line:
+        return []
+    parts = [part.strip(",") for part in re.split(r"[;\s]+", line)]
+    if len(parts) in (4, 8) and all("," in part for part in parts):
+        raise SequenceError(f"{where}: expected a decimal point, got decimal commas in {line!r}")
+    words = re.split(r"\s*[,;]\s*|\s+", line)
+    if "" in words:
+        raise SequenceError(f"{where}: expected a number in every field, got an empty one in {line!r}")
+    return words
+
+
+def read_numbers(path: Path, count: int) -> NDArray[np.float64] | None:
+    """Read an optional file with one number per frame; what cannot be used is said and ignored.
+
+    Parameters
+    ----------
+    path : Path
+    count : int
+        Number of frames.
+
+    Returns
+    -------
+    ndarray, shape (T,), or None
+        None without a file, or with one that is not as expected.
+    """
+    if not path.exists():
+        return None
+    try:
+        words = read_text(path).split()
+        wrong = next((word for word in words if not _NUMBER.match(word)), None)
+        if wrong is not None:
+            raise SequenceError(f"{path}: expected one number per line, got {wrong!r}")
+        # One image more than lines, or the other way round, is common in the published sets.
+        if abs(len(words) - count) > 1:
+            raise SequenceError(f"{path}: expected {count} numbers, got {len(words)}")
+    except SequenceError as error:
+        _ignore(error)
+        return None
+    values = np.array(words[:count], dtype=np.float64)
+    return np.append(values, values[-1:]) if len(values) < count else values
+
+
+def read_attributes(folder: Path) -> tuple[str, ...]:
+    """Attributes from an optional meta.json, or the manifest.json of our exports, or the meta_info.ini of GOT-10k.
+
+    The camera's kind is one of them, since results differ most by it. What cannot be used is said and ignored.
+    """
+    for name in ("meta.json", "manifest.json"):
+        if (folder / name).exists():
+            try:
+                return _from_json(folder / name)
+            except SequenceError as error:
+                _ignore(error)
+                return ()
+    path = folder / "meta_info.ini"
+    if not path.exists():
+        return ()
+    # No interpolation: a % in a value is a %.
+    parser = configparser.RawConfigParser(strict=False)
+    try:
+        parser.read_string(read_text(path), source=str(path))
+    except (SequenceError, configparser.Error) as error:
+        _ignore(SequenceError(" ".join(f"{path}: expected sections of key = value, got {error}".split())))
+        return ()
+    section = parser["METAINFO"] if "METAINFO" in parser else {}
+    return tuple(section[key] for key in ("motion_class", "object_class") if section.get(key))
+
+
+def _from_json(path: Path) -> tuple[str, ...]:
+    try:
+        meta = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise SequenceError(f"{path}: expected JSON, got {error}") from error
+    if not isinstance(meta, dict):
+        raise SequenceError(f"{path}: expected an object with camera and attributes, got a {type(meta).__name__}")
+    attributes = meta.get("attributes") or []
+    if not isinstance(attributes, list):
+        raise SequenceError(f"{path}: expected a list of attributes, got {attributes!r}")
+    camera = [f"camera {meta['camera']}"] if isinstance(meta.get("camera"), str) else []
+    return (*camera, *(str(item) for item in attributes))
+
+
+def _ignore(error: SequenceError) -> None:
+    warnings.warn(f"{error}; the file is ignored", SequenceWarning, stacklevel=2)

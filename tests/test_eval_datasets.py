@@ -1,0 +1,431 @@
+"""Data sets: every way in which people write boxes down, and every way in which a data set can be wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from datasets_synthetic import SUITES, render
+from datasets_synthetic import Sequence as Rendered
+from datasets_synthetic.export import FORMATS
+from eval import datasets
+from eval.datasets import load_dataset
+from eval.framesource import FrameSource, FrameSourceError
+from eval.metrics import frame_scores, summarise
+from eval.truthfiles import SequenceError, SequenceWarning, read_boxes
+
+BOXES = np.array([[10, 11, 20, 12], [12.5, 11, 20, 12], [15, 11.25, 20, 12]])
+
+
+def write_images(folder: Path, count: int, *, suffix: str = ".png", digits: int = 4) -> None:
+    """Frames of the gray level 10 t, as far as there are levels."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for index in range(count):
+        frame = np.full((48, 64, 3), 10 * index % 256, dtype=np.uint8)
+        cv2.imwrite(str(folder / f"{index + 1:0{digits}d}{suffix}"), frame)
+
+
+def write_otb(root: Path, name: str, text: str, *, count: int = 3) -> Path:
+    """A sequence in OTB layout."""
+    write_images(root / name / "img", count)
+    (root / name / "groundtruth_rect.txt").write_text(text)
+    return root / name
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "11,12,20,12\n13.5,12,20,12\n16,12.25,20,12\n",
+        "11\t12\t20\t12\n13.5\t12\t20\t12\n16\t12.25\t20\t12",
+        "11 12 20 12\r\n13.5  12 20 12\r\n16 12.25 20 12\r\n\r\n",
+        " 11, 12, 20, 12 \n13.5; 12; 20; 12\n16,\t12.25, 20, 12\n\n\n",
+        "\ufeff11,12,20,12\n13.5,12,20,12\n16,12.25,20,12",
+    ],
+    ids=["commas", "tabs", "spaces and CRLF", "mixed and padded", "byte order mark"],
+)
+def test_otb_boxes_in_all_spellings(text: str, tmp_path: Path) -> None:
+    """Commas, tabs, semicolons or spaces; the first pixel is 1."""
+    write_otb(tmp_path, "a", text)
+    (found,) = load_dataset(f"otb:{tmp_path}")
+    assert_allclose(found.boxes, BOXES)
+    assert (found.name, found.size, len(found)) == ("a", (64, 48), 3)
+    assert_array_equal(found.visibility, 1.0)
+
+
+@pytest.mark.parametrize("line", ["NaN,NaN,NaN,NaN", "", "0,0,0,0", "5,5,-3,4", "nan 1 2 3"])
+def test_a_frame_without_a_box_is_invisible(line: str, tmp_path: Path) -> None:
+    """Absence is written in many ways and read as one: a NaN row of visibility 0."""
+    write_otb(tmp_path, "a", f"11,12,20,12\n{line}\n16,12.25,20,12\n")
+    (found,) = load_dataset(f"otb:{tmp_path / 'a'}")
+    assert np.isnan(found.boxes[1]).all()
+    assert_array_equal(found.visibility, [1, 0, 1])
+
+
+def test_polygons_become_their_bounding_box(tmp_path: Path) -> None:
+    """VOT's eight numbers are x, y of four corners."""
+    path = tmp_path / "groundtruth.txt"
+    path.write_text("10,20,30,10,50,20,30,40\n")
+    assert_allclose(read_boxes(path, first=0), [[10, 10, 40, 30]])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "1,2,3\n1,2,3,4\n1,2,3,4",
+            r"_rect.txt:1: expected 4 numbers or a polygon of 8, got 3 in '1,2,3'",
+        ),
+        ("1,2,3,4\n1,two,3,4\n1,2,3,4", r"groundtruth_rect.txt:2: expected numbers, got 'two' in '1,two,3,4'"),
+        (
+            "1,1,100,200,30,40,1,-1,-1,-1\n" * 3,
+            r"_rect.txt:1: expected 4 numbers .*, got 10 in '1,1,100",
+        ),
+        ("0 " * 16 + "\n", r"_rect.txt:1: expected 4 numbers or a polygon of 8, got 16"),
+        ("1,2,3,4\n" + "1,2,3,4,5,6,7,8,9,10,11,12\n" * 2, r"_rect.txt:2: expected 4 numbers .*, got 12"),
+        ("10,5 20,0 30,1 40,2\n" * 3, r"_rect.txt:1: expected a decimal point, got decimal commas in '10,5 20,0 30"),
+        ("10,5;20,0;30,1;40,2\n" * 3, r"_rect.txt:1: expected a decimal point, got decimal commas"),
+        ("10,5\t20,0\t30,1\t40,2\n" * 3, r"_rect.txt:1: expected a decimal point, got decimal commas"),
+        (
+            "1,2,3,4\n1,,3,4,5\n1,2,3,4",
+            r"_rect.txt:2: expected a number in every field, .* in '1,,3,4,5'",
+        ),
+        ("1,2,3,4\n1_0,2,3,4\n1,2,3,4", r"_rect.txt:2: expected numbers, got '1_0' in '1_0,2,3,4'"),
+        ("1,2,3,4\n1,2,inf,4\n1,2,3,4", r"_rect.txt:2: expected numbers, got 'inf'"),
+        ("1,2,3,4\n1,2,0x3,4\n1,2,3,4", r"_rect.txt:2: expected numbers, got '0x3'"),
+        ("1,2,3,4\n1,2,٣,4\n1,2,3,4", r"_rect.txt:2: expected numbers, got '٣'"),
+        ("1,2,3,4", "a: 3 frames but 1 boxes"),
+        ("nan,nan,nan,nan\n1,2,3,4\n1,2,3,4", "a: frame 0 has no box to start from"),
+    ],
+)
+def test_a_wrong_box_file_is_named_with_its_line(text: str, message: str, tmp_path: Path) -> None:
+    """The message says where and what."""
+    write_otb(tmp_path, "a", text)
+    with pytest.raises(SequenceError, match=message):
+        load_dataset(f"otb:{tmp_path}")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "latin-1"])
+def test_a_file_that_is_not_utf8_is_named(encoding: str, tmp_path: Path) -> None:
+    """Notepad writes UTF-16; the message names the file and what it holds."""
+    folder = write_otb(tmp_path, "a", "")
+    text = "\ufeff" * (encoding == "utf-16-le") + "1,2,3,4 é\n" * 3
+    (folder / "groundtruth_rect.txt").write_bytes(text.encode(encoding, errors="ignore"))
+    with pytest.raises(SequenceError, match=r"groundtruth_rect\.txt: expected text in UTF-8, found (UTF-16|0xe9)"):
+        load_dataset(f"otb:{tmp_path}")
+
+
+def test_one_image_too_many_is_cut_and_said(tmp_path: Path) -> None:
+    """Published sets often have one image more than boxes."""
+    write_otb(tmp_path, "a", "1,2,3,4\n1,2,3,4\n1,2,3,4\n", count=4)
+    with pytest.warns(SequenceWarning, match="a: 4 frames but 3 boxes; the last is left out"):
+        assert len(load_dataset(f"otb:{tmp_path}")[0]) == 3
+
+
+def test_empty_lines_at_the_end_are_frames_as_far_as_there_are_any(tmp_path: Path) -> None:
+    """The object has left: lines without a box; an editor's empty lines beyond the last frame are none."""
+    write_otb(tmp_path, "a", "1,2,3,4\n1,2,3,4\n\n\n", count=4)
+    (found,) = load_dataset(f"otb:{tmp_path}")
+    assert found.visibility.tolist() == [1, 1, 0, 0]
+    (tmp_path / "a" / "groundtruth_rect.txt").write_text("1,2,3,4\n" * 4 + "\n" * 5)
+    (found,) = load_dataset(f"otb:{tmp_path}")
+    assert found.visibility.tolist() == [1, 1, 1, 1]
+
+
+def test_images_are_ordered_by_number(tmp_path: Path) -> None:
+    """2.png comes before 10.png."""
+    write_images(tmp_path / "a" / "img", 11, digits=1)
+    (tmp_path / "a" / "groundtruth_rect.txt").write_text("1,2,3,4\n" * 11)
+    (found,) = load_dataset(f"otb:{tmp_path}")
+    assert [int(frame[0, 0, 0]) for frame in found.frames] == [10 * index for index in range(11)]
+
+
+def test_meta_is_optional_and_gives_attributes(tmp_path: Path) -> None:
+    """The camera's kind is an attribute too; null is no attribute."""
+    folder = write_otb(tmp_path, "a", "1,2,3,4\n" * 3)
+    (folder / "meta.json").write_text(json.dumps({"camera": "static", "attributes": ["SV", "DEF"]}))
+    assert load_dataset(f"otb:{tmp_path}")[0].attributes == ("camera static", "SV", "DEF")
+    (folder / "meta.json").write_text("\ufeff" + json.dumps({"attributes": None}), encoding="utf-8")
+    assert load_dataset(f"otb:{tmp_path}")[0].attributes == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("meta.json", "{", r"meta\.json: expected JSON, got "),
+        ("meta.json", '["SV"]', r"meta\.json: expected an object with camera and attributes, got a list"),
+        ("meta.json", '{"attributes": "SV"}', r"meta\.json: expected a list of attributes, got 'SV'"),
+        (
+            "meta_info.ini",
+            "object_class: bear\n",
+            r"meta_info\.ini: expected sections of key = value, got File",
+        ),
+        ("cover.label", "8\n8\n", ""),
+        ("cover.label", "8\n", r"cover\.label: expected 3 numbers, got 1"),
+        ("cover.label", "8\n8\neight\n", r"cover\.label: expected one number per line, got 'eight'"),
+        ("absence.label", "0\n" * 9, r"absence\.label: expected 3 numbers, got 9"),
+        ("visibility.txt", "1\n" * 9, r"visibility\.txt: expected 3 numbers, got 9"),
+    ],
+)
+def test_an_odd_side_file_is_said_and_ignored(name: str, text: str, message: str, tmp_path: Path) -> None:
+    """One line with file, found and expected; truth and frames are what they were without it."""
+    folder = tmp_path / "a"
+    write_images(folder, 3, suffix=".jpg", digits=8)
+    (folder / "groundtruth.txt").write_text("10,11,20,12\n" * 3)
+    (folder / name).write_text(text)
+    if not message:
+        assert load_dataset(f"got10k:{folder}")[0].visibility.tolist() == [1, 1, 1]
+        return
+    with pytest.warns(SequenceWarning, match=f"{message}.*; the file is ignored") as said:
+        (found,) = load_dataset(f"got10k:{folder}")
+    assert len(said) == 1
+    assert "\n" not in str(said[0].message)
+    assert (found.visibility.tolist(), found.attributes) == ([1, 1, 1], ())
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_meta_info_may_hold_any_sign(mark: str, tmp_path: Path) -> None:
+    """A % is no reference to another value, and a byte order mark no part of a name."""
+    folder = tmp_path / "a"
+    write_images(folder, 3, suffix=".jpg")
+    (folder / "groundtruth.txt").write_text("10,11,20,12\n" * 3)
+    text = (
+        f"{mark}[METAINFO]\nurl: https://x/%20y\nobject_class: 50% bear\nmotion_class: walking\nobject_class: bear\n"
+    )
+    (folder / "meta_info.ini").write_text(text, encoding="utf-8")
+    assert load_dataset(f"got10k:{folder}")[0].attributes == ("walking", "bear")
+
+
+def test_hidden_files_and_folders_are_no_frames(tmp_path: Path) -> None:
+    """MacOS leaves ._0001.jpg beside 0001.jpg."""
+    folder = write_otb(tmp_path, "a", "1,2,3,4\n" * 3)
+    (folder / "img" / "._0001.png").write_bytes(b"Mac OS X")
+    (folder / "img" / ".hidden.png").write_bytes(b"")
+    (folder / "img" / "0004.png").mkdir()
+    (found,) = load_dataset(f"otb:{tmp_path}")
+    assert [Path(path).name for path in found.frames.paths] == ["0001.png", "0002.png", "0003.png"]
+
+
+def test_only_what_is_asked_for_is_read(tmp_path: Path) -> None:
+    """A damaged sequence stops nobody who does not want it."""
+    write_otb(tmp_path, "good", "1,2,3,4\n" * 3)
+    write_otb(tmp_path, "bad", "1,2,3\n" * 3)
+    assert [one.name for one in load_dataset(f"otb:{tmp_path}", ["good"])] == ["good"]
+    with pytest.raises(SequenceError, match=r"bad/groundtruth_rect\.txt:1"):
+        load_dataset(f"otb:{tmp_path}")
+    with pytest.raises(SequenceError, match=r"unknown sequence ugly in otb:.*; known: bad, good"):
+        load_dataset(f"otb:{tmp_path}", ["ugly"])
+
+
+def test_otb_as_published(tmp_path: Path) -> None:
+    """Two truths in one folder, an empty one beside another, and boxes that begin or end within the images."""
+    for name in ("Jogging", "Human4"):
+        write_images(tmp_path / name / "img", 3)
+    for number in (1, 2):
+        (tmp_path / "Jogging" / f"groundtruth_rect.{number}.txt").write_text(f"1,2,3,{number}\n" * 3)
+    (tmp_path / "Human4" / "groundtruth_rect.1.txt").write_text("")
+    (tmp_path / "Human4" / "groundtruth_rect.2.txt").write_text("1,2,3,2\n" * 3)
+    write_otb(tmp_path, "David", "1,2,3,4\n" * 471, count=770)
+    write_otb(tmp_path, "Football1", "1,2,3,4\n" * 4, count=9)
+    write_otb(tmp_path, "Tiger1", "1,2,3,4\n" * 7, count=12)
+    write_otb(tmp_path, "Freeman3", "1,2,3,4\n" * 5, count=5)
+    found = {one.name: one for one in load_dataset(f"otb:{tmp_path}")}
+    assert list(found) == ["David", "Football1", "Freeman3", "Human4", "Jogging-1", "Jogging-2", "Tiger1"]
+    assert [found[f"Jogging-{number}"].boxes[0, 3] for number in (1, 2)] == [1, 2]
+    assert found["Human4"].boxes[0, 3] == 2
+    ends = {
+        name: (Path(found[name].frames.paths[0]).stem, Path(found[name].frames.paths[-1]).stem)
+        for name in ("David", "Football1", "Tiger1", "Freeman3")
+    }
+    assert ends == {
+        "David": ("0300", "0770"),
+        "Football1": ("0001", "0004"),
+        "Tiger1": ("0006", "0012"),
+        "Freeman3": ("0001", "0005"),
+    }
+
+
+@pytest.fixture(scope="module")
+def rendered() -> list[Rendered]:
+    """A sequence in colour whose target vanishes, and a gray one, short."""
+    colour, gray = SUITES["smoke"][0], SUITES["smoke"][3]
+    motion = replace(colour.target.motion, hidden=((2, 4),))
+    return [
+        render(replace(colour, frames=8, target=replace(colour.target, motion=motion))),
+        render(replace(gray, frames=6)),
+    ]
+
+
+@pytest.mark.parametrize("layout", ["otb", "vot", "got10k", "video", "flow"])
+def test_one_truth_through_every_export_and_reader(layout: str, rendered: list[Rendered], tmp_path: Path) -> None:
+    """Boxes, visibility, attributes and pixels come back to the last bit, and so do all scores of a tracker."""
+    kind = "otb" if layout == "flow" else layout
+    for drawn in rendered:
+        folder = FORMATS[layout](drawn, tmp_path)
+        where = f"{folder / 'video.mkv'}+{folder / 'groundtruth.txt'}" if kind == "video" else str(folder)
+        (found,) = load_dataset(f"{kind}:{where}")
+        assert_array_equal(found.boxes, drawn.boxes)
+        assert_array_equal(found.visibility, drawn.visibility)
+        assert found.attributes == drawn.attributes
+        frames = (
+            [cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR) for frame in drawn.frames]
+            if (kind == "video" and drawn.frames.ndim == 3)
+            else list(drawn.frames)
+        )
+        for frame, true in zip(found.frames, frames, strict=True):
+            assert_array_equal(frame, true)
+        answers = drawn.boxes + np.array([3.1, -2.2, 0.3, 0.7])
+        ok = np.arange(len(drawn)) % 3 != 1
+        size = (drawn.frames.shape[2], drawn.frames.shape[1])
+        scores = [
+            summarise(frame_scores(truth.boxes, truth.visibility, answers, ok, size)) for truth in (drawn, found)
+        ]
+        assert_array_equal(list(scores[0].values()), list(scores[1].values()))
+
+
+def test_deep_and_gray_images_stay_what_they_are(tmp_path: Path) -> None:
+    """A thermal camera's 16 bits are not cut to 8, and gray is not made colour."""
+    folder = write_otb(tmp_path, "a", "1,2,3,4\n" * 3)
+    deep = np.full((48, 64), 7300, dtype=np.uint16)
+    for path in (folder / "img").iterdir():
+        cv2.imwrite(str(path), deep)
+    (found,) = load_dataset(f"otb:{folder}")
+    for frame in found.frames:
+        assert_array_equal(frame, deep)
+
+
+def test_files_that_have_not_changed_are_not_hashed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The digest is kept by place, size and time, unless the file is so new that its time could hide a change."""
+    monkeypatch.setattr(datasets, "_digest_folder", lambda: tmp_path)
+    folder = write_otb(tmp_path, "a", "1,2,3,4\n" * 3)
+    read: list[Path] = []
+    read_bytes = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: (read.append(path), read_bytes(path))[1])
+
+    def images_read() -> int:
+        read.clear()
+        load_dataset(f"otb:{folder}")
+        return sum(path.suffix == ".png" for path in read)
+
+    assert [images_read(), images_read()] == [3, 3]
+    for path in (folder / "img").iterdir():
+        os.utime(path, (1e9, 1e9))
+    assert [images_read(), images_read()] == [3, 0]
+    os.utime(folder / "img" / "0002.png", (1e9, 1.1e9))
+    assert [images_read(), images_read()] == [3, 0]
+
+
+def test_got10k_labels_give_visibility(tmp_path: Path) -> None:
+    """Cover counts eighths, absence overrules it, the meta file gives the classes; the first pixel is 0."""
+    folder = tmp_path / "GOT-10k_Val_000001"
+    write_images(folder, 3, suffix=".jpg", digits=8)
+    (folder / "groundtruth.txt").write_text("10.0,11.0,20.0,12.0\n" * 3)
+    (folder / "cover.label").write_text("8\n4\n8\n")
+    (folder / "absence.label").write_text("0\n0\n1\n")
+    (folder / "meta_info.ini").write_text("[METAINFO]\nobject_class: bear\nmotion_class: walking\n")
+    (found,) = load_dataset(f"got10k:{tmp_path}")
+    assert_allclose(found.boxes[0], [10, 11, 20, 12])
+    assert_array_equal(found.visibility, [1.0, 0.5, 0.0])
+    assert found.attributes == ("walking", "bear")
+
+
+def test_vot_keeps_its_frames_in_color(tmp_path: Path) -> None:
+    """VOT layout: color/ beside groundtruth.txt."""
+    write_images(tmp_path / "bag" / "color", 3, suffix=".jpg", digits=8)
+    (tmp_path / "bag" / "groundtruth.txt").write_text("10,20,30,10,50,20,30,40\n" * 3)
+    assert_allclose(load_dataset(f"vot:{tmp_path}")[0].boxes[2], [10, 10, 40, 30])
+
+
+def write_clip(path: Path, count: int) -> None:
+    """A lossless video of the gray levels 10 t."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 25.0, (64, 48))
+    for index in range(count):
+        writer.write(np.full((48, 64, 3), 10 * index, dtype=np.uint8))
+    writer.release()
+
+
+def test_a_video_and_its_boxes(tmp_path: Path) -> None:
+    """A lossless video gives the frames that were written; a line that is empty says that the object is absent."""
+    path = tmp_path / "clip.avi"
+    write_clip(path, 4)
+    (tmp_path / "boxes.txt").write_text("10,11,20,12\n" * 2 + "\n\n")
+    (found,) = load_dataset(f"video:{path}+{tmp_path / 'boxes.txt'}")
+    assert (found.name, len(found), found.size) == ("clip", 4, (64, 48))
+    assert [int(frame.mean()) for frame in found.frames] == [0, 10, 20, 30]
+    assert found.visibility.tolist() == [1, 1, 0, 0]
+
+
+@pytest.mark.parametrize(("rows", "said"), [(6, "error"), (2, "error"), (5, "warning"), (3, "warning")])
+def test_a_video_of_another_length_than_its_boxes_is_said(rows: int, said: str, tmp_path: Path) -> None:
+    """One too many of either is left out with a warning; more is no truth of this video."""
+    write_clip(tmp_path / "clip.avi", 4)
+    (tmp_path / "boxes.txt").write_text("10,11,20,12\n" * rows)
+    reference, message = f"video:{tmp_path / 'clip.avi'}+{tmp_path / 'boxes.txt'}", f"clip: 4 frames but {rows} boxes"
+    if said == "error":
+        with pytest.raises(SequenceError, match=message):
+            load_dataset(reference)
+    else:
+        with pytest.warns(SequenceWarning, match=message):
+            assert len(load_dataset(reference)[0]) == min(rows, 4)
+
+
+@pytest.mark.parametrize(
+    ("reference", "message"),
+    [
+        ("otb", "expected KIND:WHERE with KIND of otb, vot, got10k, video"),
+        ("coco:/data", "unknown data set 'coco:/data'"),
+        ("otb:/no/such/folder", "no such folder: /no/such/folder"),
+        ("video:/no/such.avi", r"expected VIDEO\+BOXFILE"),
+        ("video:/no/such.avi+/no/boxes.txt", r"no such file: /no/such.avi"),
+    ],
+)
+def test_a_wrong_reference_says_what_was_expected(reference: str, message: str) -> None:
+    """No traceback for a typing error."""
+    with pytest.raises(SequenceError, match=message):
+        load_dataset(reference)
+
+
+def test_an_empty_folder_is_said(tmp_path: Path) -> None:
+    """The message names the file that makes a folder a sequence."""
+    with pytest.raises(SequenceError, match=r"no folder with a groundtruth_rect\*\.txt"):
+        load_dataset(f"otb:{tmp_path}")
+
+
+def test_the_digest_follows_frames_boxes_and_length(tmp_path: Path) -> None:
+    """Anything that could change a score changes the hash."""
+    folder = write_otb(tmp_path, "a", "1,2,3,4\n" * 3)
+    (before,) = load_dataset(f"otb:{tmp_path}")
+    assert load_dataset(f"otb:{tmp_path}")[0].digest == before.digest
+    assert before.cut(2).digest != before.digest
+    assert len(before.cut(2)) == 2
+    assert before.cut(None) is before.cut(3) is before
+    (folder / "groundtruth_rect.txt").write_text("1,2,3,4\n1,2,3,4\n1,2,3,5\n")
+    moved = load_dataset(f"otb:{tmp_path}")[0].digest
+    cv2.imwrite(str(folder / "img" / "0002.png"), np.zeros((48, 64, 3), dtype=np.uint8))
+    assert len({before.digest, moved, load_dataset(f"otb:{tmp_path}")[0].digest}) == 3
+
+
+def test_a_frame_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    """Reading stops there, after the frames before it."""
+    write_images(tmp_path, 3)
+    (tmp_path / "0002.png").write_bytes(b"no picture")
+    frames = iter(FrameSource(tuple(str(path) for path in sorted(tmp_path.iterdir())), "images", 3))
+    assert next(frames).shape == (48, 64, 3)
+    with pytest.raises(FrameSourceError, match=r"cannot read the frame .*0002\.png"):
+        next(frames)
+
+
+@pytest.mark.real
+def test_the_real_sequences_are_read(real: Path) -> None:
+    """All eighteen, with the boxes inside their frames."""
+    found = load_dataset(f"otb:{real}")
+    assert len(found) == 18
+    for sequence in found:
+        x, y, w, h = sequence.boxes[0]
+        assert (x >= -1, y >= -1, x + w <= sequence.size[0] + 1, y + h <= sequence.size[1] + 1) == (True,) * 4
