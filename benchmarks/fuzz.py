@@ -37,8 +37,12 @@ TARGETS = {
     "numbers": f"{_ROBUSTNESS}test_rois_of_four_numbers_are_taken_exactly_when_enough_is_inside",
     "first": f"{_ROBUSTNESS}test_init_takes_frames_and_refuses_all_else",
     "tracks": "tests/test_robustness_tracks.py::test_every_frame_of_every_story_is_answered",
+    "pickles": "tests/test_robustness_pickles.py::test_an_edited_track_is_refused_or_goes_on",
+    "bytes": "tests/test_robustness_pickles.py::test_a_damaged_pickle_raises_or_goes_on",
+    "copies": "tests/test_robustness_pickles.py::test_every_true_track_goes_through_a_pickle",
 }
-"""Calls in any order; any object mid-track; any ROI; any four numbers as ROI; any first frame; any track."""
+"""Calls in any order; any object mid-track; any ROI; any four numbers as ROI; any first frame; any track; pickles
+that were edited, damaged, and left as they are."""
 
 EXAMPLES = 10_000
 BATCH = 1000

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .compiling import kernel
+from .validation import Shape, Within
 
 __all__ = ["CorrelationFilter", "Fade", "Peak", "correlation", "find_peak", "hann", "learn", "respond", "train"]
 
@@ -40,9 +41,9 @@ class CorrelationFilter(NamedTuple):
         Running mean of the features' power, summed over the channels.
     """
 
-    target: C64
-    numerator: C64
-    energy: F32
+    target: Annotated[C64, Shape("coarse h", "coarse w/2+1")]
+    numerator: Annotated[C64, Shape("features", "coarse h", "coarse w/2+1")]
+    energy: Annotated[F32, Shape("coarse h", "coarse w/2+1"), Within(0.0, np.inf)]
 
     @property
     def size(self) -> tuple[int, int]:

@@ -10,13 +10,14 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import Box
+from .validation import Within, shown
 
 __all__ = [
     "MIN_SIDE",
@@ -43,14 +44,12 @@ MIN_SIDE = 4.0
 _ROUNDING = 1e-6
 """What a side may lose in the arithmetic of its edges, px."""
 
-_LONGEST = 200
-"""Characters of a bad value that a message repeats."""
-
 HEADROOM = 0.25
 """Room left for later frames of a track, above and below the values of the first one, as a share of their spread."""
 _PART = 100_000
 """Values that are searched at once for the range of a float frame."""
 
+_LARGEST_FLOAT = float(np.finfo(np.float32).max)
 _BGR_TO_GRAY = np.array([[0.114, 0.587, 0.299]], np.float32)
 _DEEP = 65535.0
 _SAMPLE = 1 << 20  # values that suffice to know a range
@@ -110,12 +109,12 @@ class VideoFormat(NamedTuple):
         Range of the first frame, which holds for all frames of this dtype: one dark frame does not change the scale.
     """
 
-    height: int
-    width: int
-    channels: int
+    height: Annotated[int, Within(1, 2**31)]
+    width: Annotated[int, Within(1, 2**31)]
+    channels: Annotated[int, Within(1, 3)]
     dtype: np.dtype[Any]
-    gain: float
-    offset: float
+    gain: Annotated[float, Within(0.0, _LARGEST_FLOAT)]
+    offset: Annotated[float, Within(-_LARGEST_FLOAT, _LARGEST_FLOAT)]
 
 
 def fixed_errstate(call: Callable[P, R]) -> Callable[P, R]:
@@ -248,15 +247,15 @@ def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float,
     pixels : ndarray, shape (H, W, C)
         uint8, uint16 or float.
     gain : float, optional
-        Gray levels per unit; only the offset is then chosen: 0 where the values fit so, else what brings them to the
-        middle of 0–255.
+        Gray levels per unit of what is not uint8; only the offset is then chosen: 0 where the values fit so, else
+        what brings them to the middle of 0–255.
 
     Returns
     -------
     gain, offset : float
     """
     if pixels.dtype.itemsize == 1:
-        return (1.0 if gain is None else gain), 0.0
+        return 1.0, 0.0
     low, high = _extremes(pixels)
     if gain is not None:
         return gain, 0.0 if low * gain >= 0.0 and high * gain <= 255.0 else 0.5 * (low + high) - 127.5 / gain
@@ -315,19 +314,19 @@ def as_roi(bounding_box: Any, frame: Frame) -> Box:
     """
     values = _four_numbers(bounding_box)
     if values is None:
-        raise InputError(f"expected a boundingBox of four numbers (x, y, w, h), got {_shown(bounding_box)}")
+        raise InputError(f"expected a boundingBox of four numbers (x, y, w, h), got {shown(bounding_box)}")
     if not np.isfinite(values).all():
-        raise InputError(f"expected a finite boundingBox, got {_shown(bounding_box)}")
+        raise InputError(f"expected a finite boundingBox, got {shown(bounding_box)}")
     box = Box(*(float(value) for value in values))
     if box.w < MIN_SIDE or box.h < MIN_SIDE:
         raise InputError(
-            f"expected a boundingBox of at least {MIN_SIDE:g} × {MIN_SIDE:g} px, got {_shown(bounding_box)}"
+            f"expected a boundingBox of at least {MIN_SIDE:g} × {MIN_SIDE:g} px, got {shown(bounding_box)}"
         )
     inside = box.clip(frame.width, frame.height)
     if min(inside.w, inside.h) < MIN_SIDE - _ROUNDING:
         raise InputError(
             f"expected a boundingBox with at least {MIN_SIDE:g} × {MIN_SIDE:g} px inside the "
-            f"{frame.width} × {frame.height} frame, got {_shown(bounding_box)}"
+            f"{frame.width} × {frame.height} frame, got {shown(bounding_box)}"
         )
     return inside
 
@@ -343,15 +342,6 @@ def _four_numbers(values: Any) -> NDArray[np.float64] | None:
         return array.astype(np.float64)  # a long double beyond float64 becomes infinite, which is refused as such
     except Exception:  # an object of the caller's may raise anything when it is asked for numbers
         return None
-
-
-def _shown(value: Any) -> str:
-    """`repr` for a message: cut where it is long, and no error of its own (an int of 5,000 digits has none)."""
-    try:
-        words = repr(value)
-    except Exception:
-        return f"a {type(value).__name__} that cannot be shown"
-    return words if len(words) <= _LONGEST else f"{words[:_LONGEST]}…"
 
 
 def crop(frame: Frame, x0: int, y0: int, width: int, height: int, *, step: int = 1) -> NDArray[np.float32]:
@@ -419,9 +409,7 @@ def _as_float(part: NDArray[Any], gain: float, offset: float) -> NDArray[np.floa
         values *= np.float32(gain)
     if part.dtype.kind == "f":
         np.nan_to_num(values, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-    if part.dtype != np.uint8:
-        np.clip(values, 0.0, 255.0, out=values)
-    return values
+    return np.clip(values, 0.0, 255.0, out=values)
 
 
 def to_gray(window: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -7,6 +7,7 @@ from typing import Any
 from .frames import InputError
 from .params import TrackerHS_Params
 from .tracker import TrackerHS
+from .validation import validate
 
 __all__ = ["LegacyTrackerHS", "TrackerHS_create"]
 
@@ -23,6 +24,12 @@ class LegacyTrackerHS:
 
     def __init__(self, parameters: TrackerHS_Params | None = None) -> None:
         self.tracker = TrackerHS(parameters)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over the state of a pickle. Anybody may have edited it: then this is a ValueError."""
+        validate(state, dict[str, Any], "state")
+        validate(state.get("tracker"), TrackerHS, "tracker")
+        self.__dict__.update(state)
 
     @classmethod
     def create(cls, parameters: TrackerHS_Params | None = None) -> LegacyTrackerHS:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frames import InputError, VideoFormat, as_frame, downloaded, is_dropped, next_frame
+from .validation import shown, validate
 
 __all__ = ["MultiTrackerHS", "MultiTrackerHS_create", "ObjectTracker"]
 
@@ -49,7 +50,7 @@ class _Followed(NamedTuple):
             x, y, w, h = (float(value) for value in box) if ok else NOWHERE
         except (TypeError, ValueError):
             raise TypeError(
-                f"expected (ok, (x, y, w, h)) from {type(self.tracker).__name__}.update, got {answer!r}"
+                f"expected (ok, (x, y, w, h)) from {type(self.tracker).__name__}.update, got {shown(answer)}"
             ) from None
         return x, y, w, h
 
@@ -64,6 +65,19 @@ class MultiTrackerHS:
         self._followed: dict[int, _Followed] = {}
         self._rows: dict[int, Row] = {}
         self._next_id = 1
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State for pickle and copy."""
+        return dict(self.__dict__)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over what :meth:`__getstate__` gave. Anybody may have edited it: then this is a ValueError."""
+        validate(state, dict[str, Any], "state")
+        for name, kind in (("_followed", dict[int, _Followed]), ("_rows", dict[int, Row]), ("_next_id", int)):
+            validate(state.get(name), kind, name)
+        for followed in state["_followed"].values():
+            _expect_tracker(followed.tracker)
+        self.__dict__.update(state)
 
     @classmethod
     def create(cls) -> MultiTrackerHS:
@@ -100,16 +114,14 @@ class MultiTrackerHS:
         ValueError
             If this tracker follows one of the objects already; it goes on doing so.
         """
-        for name in ("init", "update"):
-            if isinstance(newTracker, type) or not callable(getattr(newTracker, name, None)):
-                raise TypeError(f"expected a tracker with the methods init and update, got {newTracker!r}")
+        _expect_tracker(newTracker)
         for identity, followed in self._followed.items():
             if followed.tracker is newTracker:
                 raise ValueError(f"expected a tracker of its own, got that of object {identity}")
         video = as_frame(image).format
         if newTracker.init(image, boundingBox) is False:
             raise InputError(
-                f"expected a boundingBox that {type(newTracker).__name__} can start from, got {boundingBox!r}"
+                f"expected a boundingBox that {type(newTracker).__name__} can start from, got {shown(boundingBox)}"
             )
         identity = self._next_id
         self._followed[identity] = _Followed(newTracker, video)
@@ -171,6 +183,11 @@ class MultiTrackerHS:
         """Boxes of the last update, shape (N, 4), float64, as `update` returned them."""
         rows = [self._rows.get(identity, NOWHERE) for identity in self._followed]
         return np.array(rows, dtype=np.float64).reshape(-1, 4)
+
+
+def _expect_tracker(thing: Any) -> None:
+    if isinstance(thing, type) or not all(callable(getattr(thing, name, None)) for name in ("init", "update")):
+        raise TypeError(f"expected a tracker with the methods init and update, got {shown(thing)}")
 
 
 def MultiTrackerHS_create() -> MultiTrackerHS:

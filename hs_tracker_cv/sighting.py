@@ -11,15 +11,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .frames import Frame, crop
+from .frames import Frame, VideoFormat, crop
 from .geometry import Box
 from .layers import LayersState, colour
+from .validation import LARGEST, Shape, Within
 
 __all__ = ["Scene", "Sighting", "Target", "describe", "foreign", "look", "remember"]
 
@@ -42,6 +43,9 @@ _ALIKE = (0.7, 0.15)  # the same coefficient from which a small part may be the 
 _PRESENT = 0.5  # of the object's telling colours that must be in a box in which nothing has changed
 
 
+_Extent = Annotated[float, Within(1e-3, 1e15)]
+
+
 class Target(NamedTuple):
     """What an object is known by.
 
@@ -55,8 +59,8 @@ class Target(NamedTuple):
         Of the video, gray levels.
     """
 
-    colours: NDArray[np.float32]
-    extent: tuple[float, float, float]
+    colours: Annotated[NDArray[np.float32], Shape(colour.BINS)]
+    extent: tuple[_Extent, _Extent, _Extent]
     noise: float
 
 
@@ -78,10 +82,15 @@ class Scene:
     """
 
     target: Target
-    samples: NDArray[np.float32]
-    step: int
-    telling: NDArray[np.uint8]
-    distinct: float
+    samples: Annotated[NDArray[np.float32], Shape("scene h", "scene w", "channels")]
+    step: Annotated[int, Within(1, LARGEST)]
+    telling: Annotated[NDArray[np.uint8], Shape(colour.BINS)]
+    distinct: Annotated[float, Within(_DISTINCT, 1.01)]
+
+    def lengths(self, video: VideoFormat) -> dict[str, int]:
+        """Rows and columns of the samples of a frame of the video, by name."""
+        rows, columns = (len(range(self.step // 2, side, self.step)) for side in (video.height, video.width))
+        return {"scene h": rows, "scene w": columns}
 
 
 class Sighting(NamedTuple):

@@ -7,7 +7,7 @@ It decides; its collaborators compute. It is the only mutable object of a track:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,10 @@ from .frames import (
 from .geometry import Box, iou
 from .layers import LayersReport, LayersState
 from .params import TrackerHS_Params
+from .patches import COLOURS, GRAYS
 from .propagation import PropagationParams, PropagationReport, PropagationState
 from .sighting import Scene, Sighting, Target
+from .validation import Shape, shown, validate
 
 __all__ = ["TrackerDebug", "TrackerHS", "TrackerHS_create", "TrackerState"]
 
@@ -60,6 +62,9 @@ SIGHTED = 0.45
 
 WHOLE = 0.8
 """Share of the object sighted from which segmentation begins anew there."""
+
+STATE_VERSION = 1
+"""Of what a pickle of a tracker holds; a change of any class in it changes the number."""
 
 TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
 
@@ -106,7 +111,7 @@ class _Seen:
 
     x0: int
     y0: int
-    pixels: NDArray[Any]
+    pixels: Annotated[NDArray[Any], Shape("first h", "first w", "channels")]
 
     @classmethod
     def of(cls, frame: Frame, box: Box) -> _Seen:
@@ -138,6 +143,18 @@ class _Track:
     target: Target | None = None
     scene: Scene | None = None
 
+    def follows(self, parameters: TrackerHS_Params) -> bool:
+        """Tell whether a tracker of these parameters may have such a track."""
+        modes = (self.layers is not None, self.propagation is not None)
+        if self.options != _options(parameters) or modes != _modes(parameters):
+            return False
+        return self.propagation is None or propagation.belongs(self.propagation.geometry, self.options)
+
+    def named_lengths(self) -> dict[str, int]:
+        """Lengths of arrays that follow from the kind of frame, by name."""
+        known = {"channels": self.video.channels, "bins": GRAYS if self.video.channels == 1 else COLOURS}
+        return known | (self.scene.lengths(self.video) if self.scene else {})
+
 
 class TrackerHS:
     """Track one object by its motion; put it where a ``cv2.TrackerCSRT`` stood.
@@ -168,6 +185,24 @@ class TrackerHS:
         self._parameters = TrackerHS_Params.from_dict((parameters or TrackerHS_Params()).to_dict())
         self._track: _Track | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """State for pickle and copy."""
+        return {**self.__dict__, "version": STATE_VERSION}
+
+    @fixed_errstate
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over what :meth:`__getstate__` gave. Anybody may have edited it: then this is a ValueError."""
+        version = state.get("version") if isinstance(state, dict) else None
+        if version != STATE_VERSION:
+            raise ValueError(f"expected a TrackerHS pickled in version {STATE_VERSION}, got version {shown(version)}")
+        own = {name: value for name, value in state.items() if name != "version"}
+        validate(own.get("_parameters"), TrackerHS_Params, "_parameters")
+        validate(own.get("_track", "nothing"), _Track | None, "_track")
+        parameters = TrackerHS_Params.from_dict(own["_parameters"].to_dict())  # which knows the ranges
+        if own["_track"] is not None and not own["_track"].follows(parameters):
+            raise ValueError(f"expected a track as of {parameters}, got one of other modes or numbers")
+        self.__dict__.update(own)
+
     @classmethod
     def create(cls, parameters: TrackerHS_Params | None = None) -> TrackerHS:
         """Return a new tracker, as ``cv2.TrackerCSRT.create`` does."""
@@ -194,13 +229,13 @@ class TrackerHS:
         self._track = None
         frame = as_frame(image, self._parameters.gain)
         box = as_roi(boundingBox, frame)
-        mode = self._parameters.mode
-        options = replace(PROPAGATION, rotation=True) if self._parameters.rotation else PROPAGATION
+        segmenting, carrying = _modes(self._parameters)
+        options = _options(self._parameters)
         self._track = _Track(
             video=frame.format,
-            layers=None if mode == "propagation" else layers.start(frame, box, LAYERS),
-            propagation=None if mode == "layers" else propagation.start(frame, box, options),
-            choice=Choice(trusted=mode != "propagation"),
+            layers=layers.start(frame, box, LAYERS) if segmenting else None,
+            propagation=propagation.start(frame, box, options) if carrying else None,
+            choice=Choice(trusted=segmenting),
             box=box,
             options=options,
             first=_Seen.of(frame, box),
@@ -300,6 +335,15 @@ class TrackerHS:
             mask=view.mask,
             choice=track.choice,
         )
+
+
+def _options(parameters: TrackerHS_Params) -> PropagationParams:
+    return replace(PROPAGATION, rotation=True) if parameters.rotation else PROPAGATION
+
+
+def _modes(parameters: TrackerHS_Params) -> tuple[bool, bool]:
+    """Whether segmentation is at work, and the carried box."""
+    return parameters.mode != "propagation", parameters.mode != "layers"
 
 
 def _started(track: _Track | None) -> _Track:

@@ -91,3 +91,15 @@ def test_a_gain_that_cannot_be_meant_is_refused(gain: float) -> None:
     """The message repeats it."""
     with pytest.raises(ValueError, match=f"expected a finite gain above 0, got {gain!r}"):
         TrackerHS_Params(gain=gain)
+
+
+@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+def test_bytes_have_a_range_of_their_own(rng: np.random.Generator, mode: str) -> None:
+    """A gain for other frames changes nothing about 8-bit ones: they would leave the range that kernels count in."""
+    frames, boxes = moving_square(rng)
+    trackers = [TrackerHS_create(TrackerHS_Params(mode=mode, gain=gain)) for gain in (None, 40.0)]
+    for tracker in trackers:
+        tracker.init(frames[0], boxes[0])
+    for frame in frames[1:]:
+        first, second = (tracker.update(frame) for tracker in trackers)
+        assert first == second

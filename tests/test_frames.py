@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv.frames import InputError, as_frame, as_pair, as_roi, crop, next_frame, to_gray, value_range
+from hs_tracker_cv.frames import Frame, InputError, as_frame, as_pair, as_roi, crop, next_frame, to_gray, value_range
 from hs_tracker_cv.geometry import Box
 
 
@@ -184,9 +184,10 @@ def test_frames_are_never_written_to() -> None:
 
 
 def test_crop_obeys_the_gain_of_a_frame_of_bytes() -> None:
-    """A gain that the caller gives holds for bytes as for any other type."""
-    frame = as_frame(np.full((8, 9, 3), 40, np.uint8), gain=2.5)
-    np.testing.assert_array_equal(crop(frame, 1, 2, 5, 4), np.full((4, 5, 3), 100.0, np.float32))
+    """A gain that the caller gives holds for bytes as for any other type; levels stay within 0–255."""
+    for value, level in ((40, 100.0), (200, 255.0)):
+        frame = Frame(np.full((8, 9, 3), value, np.uint8), gain=2.5)
+        np.testing.assert_array_equal(crop(frame, 1, 2, 5, 4), np.full((4, 5, 3), level, np.float32))
 
 
 @pytest.mark.parametrize("channels", [1, 3])

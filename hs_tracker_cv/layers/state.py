@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Box
+from ..validation import Shape, Within
+from .colour import BINS
 
 __all__ = ["Atlas", "Image", "LayersParams", "LayersReport", "LayersState", "Occlusion", "Plane"]
 
-Plane = NDArray[np.float32]
+Plane = Annotated[NDArray[np.float32], Shape("h", "w")]
 """One value per window pixel, (h, w)."""
-Image = NDArray[np.float32]
+Image = Annotated[NDArray[np.float32], Shape("h", "w", 3)]
 """Three values per window pixel, (h, w, 3), 0–255."""
+Mask = Annotated[NDArray[np.uint8], Shape("h", "w")]
+_Seen = Annotated[NDArray[np.float32], Shape("seen h", "seen w")]
+_Step = Annotated[int, Within(1, 2**20)]
 
 
 @dataclass(frozen=True)
@@ -101,13 +106,13 @@ class LayersReport:
     score: float
     occluded: bool
     lost: bool
-    unexplained: float
-    mask: NDArray[np.uint8]
+    unexplained: Annotated[float, Within(0.0, 1.0)]
+    mask: Annotated[NDArray[np.uint8], Shape("seen h", "seen w")]
     origin: tuple[int, int]
-    step: int
-    previous: Plane
-    current: Plane
-    flow: NDArray[np.float32]
+    step: _Step
+    previous: _Seen
+    current: _Seen
+    flow: Annotated[NDArray[np.float32], Shape("seen h", "seen w", 2)]
     camera: tuple[float, float]
 
 
@@ -126,7 +131,7 @@ class Atlas:
     """
 
     image: Image
-    counts: NDArray[np.float32]
+    counts: Annotated[NDArray[np.float32], Shape(3, "h", "w")]
     offset: tuple[float, float] = (0.0, 0.0)
 
 
@@ -227,7 +232,7 @@ class LayersState:
 
     report: LayersReport
     count: int
-    step: int
+    step: _Step
     origin: tuple[int, int]
     box: tuple[float, float, float, float]
     velocity: tuple[float, float]
@@ -238,10 +243,10 @@ class LayersState:
     odds: Plane
     shape: Plane
     obj: Image
-    distractor: NDArray[np.uint8] | None
-    visible: NDArray[np.uint8] | None
+    distractor: Mask | None
+    visible: Mask | None
     atlas: Atlas
-    colours: NDArray[np.float32]
+    colours: Annotated[NDArray[np.float32], Shape(2, BINS)]
     noise: float = 2.5
     contrast: float = 0.0
     match_cost: float = 0.0

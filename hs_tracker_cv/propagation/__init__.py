@@ -15,7 +15,16 @@ All functions are pure: a state goes in, a new one comes out, and no array of th
 
 from __future__ import annotations
 
-from .state import PropagationParams, PropagationReport, PropagationState
+from .state import PropagationParams, PropagationReport, PropagationState, belongs
 from .tracking import dismiss, ride, start, step
 
-__all__ = ["PropagationParams", "PropagationReport", "PropagationState", "dismiss", "ride", "start", "step"]
+__all__ = [
+    "PropagationParams",
+    "PropagationReport",
+    "PropagationState",
+    "belongs",
+    "dismiss",
+    "ride",
+    "start",
+    "step",
+]

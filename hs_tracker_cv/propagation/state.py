@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from .. import anchor
 from ..geometry import Box
+from ..validation import Shape, Within
 
 __all__ = [
     "Geometry",
@@ -20,6 +21,7 @@ __all__ = [
     "PropagationParams",
     "PropagationReport",
     "PropagationState",
+    "belongs",
     "box_at",
     "geometry_of",
     "halved",
@@ -27,6 +29,9 @@ __all__ = [
 ]
 
 F32 = NDArray[np.float32]
+_Fine = Annotated[F32, Shape("fine h", "fine w")]
+_Half = Annotated[F32, Shape("fine h/2", "fine w/2")]
+_Coarse = Annotated[F32, Shape("coarse h", "coarse w")]
 
 
 @dataclass(frozen=True)
@@ -157,8 +162,8 @@ class Pose(NamedTuple):
 
     cx: float
     cy: float
-    sx: float
-    sy: float
+    sx: Annotated[float, Within(1e-4, 1e4)]
+    sy: Annotated[float, Within(1e-4, 1e4)]
     angle: float = 0.0
 
     def moved(self, dx: float, dy: float) -> Pose:
@@ -188,17 +193,17 @@ class Pose(NamedTuple):
 class Geometry(NamedTuple):
     """What depends on the first box only: sampling steps, patch sizes and weights."""
 
-    w: float
-    h: float
+    w: Annotated[float, Within(1.0, 2**20)]
+    h: Annotated[float, Within(1.0, 2**20)]
     fine_step: float
     coarse_step: float
-    inner: F32
-    weights: F32
-    outside: F32
-    body: F32
-    body_weights: F32
-    window: F32
-    inside: NDArray[np.uint8]
+    inner: _Fine
+    weights: _Fine
+    outside: _Fine
+    body: _Half
+    body_weights: _Half
+    window: _Coarse
+    inside: Annotated[NDArray[np.uint8], Shape("coarse h", "coarse w")]
 
 
 class PropagationReport(NamedTuple):
@@ -246,11 +251,11 @@ class PropagationReport(NamedTuple):
     lost: bool
     origin: tuple[float, float]
     step: tuple[float, float]
-    previous: F32
-    current: F32
-    flow: F32
+    previous: _Fine
+    current: _Fine
+    flow: Annotated[F32, Shape("fine h", "fine w", 2)]
     peak: float
-    response: F32
+    response: _Coarse
     agreement: float
     keys: tuple[float, ...]
     kept: float
@@ -276,12 +281,16 @@ class Model(NamedTuple):
     located : CorrelationFilter
     """
 
-    previous: F32
-    means: F32
-    keys: F32
+    previous: _Fine
+    means: Annotated[F32, Shape(4, "fine h", "fine w")]
+    keys: Annotated[F32, Shape("keys", "fine h", "fine w")]
     key_age: int
-    histograms: F32 | None
+    histograms: Annotated[F32, Shape(2, "bins")] | None
     located: anchor.CorrelationFilter
+
+    def named_lengths(self) -> dict[str, int]:
+        """Lengths of arrays that the arrays here do not tell, by name: channels of what the filter sees."""
+        return {"features": 5 if self.histograms is None else 6}
 
     @property
     def templates(self) -> F32:
@@ -301,7 +310,7 @@ class PropagationState(NamedTuple):
     colour: float
     good_frames: int
     low: int
-    kept: F32
+    kept: _Half
     hint: Pose | None
     report: PropagationReport
 
@@ -329,6 +338,12 @@ def geometry_of(box: Box, p: PropagationParams) -> Geometry:
         outside.astype(np.float32), halved((square < 1.2).astype(np.float32)),
         np.float32(4.0) * halved(inner.astype(np.float32)), anchor.hann(ch, cw), inside.astype(np.uint8),
     )  # fmt: skip
+
+
+def belongs(g: Geometry, p: PropagationParams) -> bool:
+    """Tell whether a geometry that comes from elsewhere is the one of its box."""
+    pairs = zip(g, geometry_of(Box(0.0, 0.0, g.w, g.h), p), strict=True)
+    return all(np.array_equal(np.asarray(one), np.asarray(other)) for one, other in pairs)
 
 
 def halved(plane: F32) -> F32:
