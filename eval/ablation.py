@@ -27,6 +27,7 @@ WHOLE = "whole"
 """Name of the tracker from which nothing is taken."""
 
 _LIBRARY = "hs_tracker_cv"
+_SOURCES = (_LIBRARY, __name__, "eval.flow.methods", "eval.baselines")
 
 
 class Cut(NamedTuple):
@@ -99,10 +100,7 @@ def specs(names: tuple[str, ...] = ()) -> list[TrackerSpec]:
     if unknown:
         raise ValueError(f"unknown part {', '.join(sorted(unknown))}; known: {', '.join(ABLATIONS)}")
     chosen = (WHOLE, *(name for name in ABLATIONS if not names or name in names))
-    return [
-        TrackerSpec(name, f"{__name__}:ablated", params={"without": name}, sources=(_LIBRARY, __name__))
-        for name in chosen
-    ]
+    return [TrackerSpec(name, f"{__name__}:ablated", params={"without": name}, sources=_SOURCES) for name in chosen]
 
 
 def ablation_table(summary: Summary) -> pd.DataFrame:

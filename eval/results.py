@@ -329,7 +329,8 @@ class Folder:
 
 
 def _numbers(values: NDArray[np.float64]) -> list[float | None]:
-    return [None if not math.isfinite(value) else round(float(value), 6) for value in values]
+    # To the last bit: a perfect tracker scores 1, and not a little less.
+    return [float(value) if math.isfinite(value) else None for value in values]
 
 
 def _array(values: list[float | None]) -> NDArray[np.float64]:

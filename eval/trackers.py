@@ -11,17 +11,17 @@ import importlib.util
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
+
+_LIBRARIES = ("numpy", "numba", "llvmlite", "scikit-image", "scipy")
+_RUNNERS = ("eval.track", "eval.worker")  # the process of a tracker is theirs
+_CODE = {".py", ".so", ".pyd", ".dylib"}
 
 __all__ = ["DEFAULT_TRACKERS", "TRACKERS", "TrackerSpec", "code_version", "find_tracker"]
-
-
-_cv2: Any = cv2  # its stubs leave out the contrib modules
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class TrackerSpec:
     params : mapping, optional
         Keyword arguments of the factory; JSON values. Part of the key of every result.
     sources : tuple of str, optional
-        Modules or packages whose source is part of the key; cv2's version always is.
+        Modules or packages whose source is part of the key; versions of libraries always are.
     repeats : int, optional
         Runs to average, for trackers that differ from run to run.
     sees_truth : bool, optional
@@ -64,130 +64,29 @@ def trackerhs(**params: Any) -> Any:
     return hs_tracker_cv.TrackerHS_create(hs_tracker_cv.TrackerHS_Params(**params))
 
 
-def csrt() -> Any:
-    """CSRT as OpenCV ships it."""
-    return _cv2.TrackerCSRT_create()
+def _baseline(name: str, factory: str, *helpers: str, **options: Any) -> TrackerSpec:
+    """Spec of a tracker in ``eval.baselines``, with the modules there that it needs."""
+    module = factory.partition(":")[0]
+    sources = tuple(f"eval.baselines.{source}" for source in (module, *helpers))
+    return TrackerSpec(name, f"eval.baselines.{factory}", sources=sources, **options)
 
-
-def mil() -> Any:
-    """MIL as OpenCV ships it; differs from run to run."""
-    return _cv2.TrackerMIL_create()
-
-
-def mosse() -> Any:
-    """MOSSE of ``cv2.legacy``."""
-    return _cv2.legacy.TrackerMOSSE_create()
-
-
-def median_flow() -> Any:
-    """MedianFlow of ``cv2.legacy``."""
-    return _cv2.legacy.TrackerMedianFlow_create()
-
-
-class KCF:
-    """KCF as OpenCV ships it; never recovers from the motion between its init and its first update.
-
-    It raises on gray frames, so it gets them in three channels, as a user would do after the first exception.
-    """
-
-    def __init__(self) -> None:
-        self._tracker = _cv2.TrackerKCF_create()
-
-    def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
-        """Start."""
-        self._tracker.init(_in_colour(image), boundingBox)
-
-    def update(self, image: NDArray[Any]) -> tuple[bool, Any]:
-        """Locate the target."""
-        ok, box = self._tracker.update(_in_colour(image))
-        return ok, box
-
-
-class PrimedKCF(KCF):
-    """KCF at its best: it detects from the first update on, and never gives up.
-
-    As shipped it does not detect in its first update, and is off ever after by the motion up to there; an update
-    on the frame of `init` cures it. A detection threshold of 0 keeps it from giving up at its first low peak.
-    """
-
-    def __init__(self) -> None:
-        parameters = _cv2.TrackerKCF_Params()
-        parameters.detect_thresh = 0.0
-        self._tracker = _cv2.TrackerKCF_create(parameters)
-
-    def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
-        """Start, and prime."""
-        super().init(image, boundingBox)
-        self.update(image)
-
-
-def _in_colour(image: NDArray[Any]) -> NDArray[Any]:
-    return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 or image.shape[2] == 1 else image
-
-
-class Static:
-    """The box never moves: what a score is worth when nothing is tracked."""
-
-    def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
-        """Remember the box."""
-        self._box = boundingBox
-
-    def update(self, image: NDArray[Any]) -> tuple[bool, tuple[int, int, int, int]]:
-        """Return it."""
-        return True, self._box
-
-
-class Oracle:
-    """Test double that knows the truth; it must score 1 in everything.
-
-    Parameters
-    ----------
-    boxes : sequence of (x, y, w, h) or None
-        The true box of each frame; None where the target is invisible.
-    """
-
-    def __init__(self, boxes: list[list[float] | None]) -> None:
-        self._boxes = boxes
-        self._frame = 0
-
-    def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
-        """Start at frame 0."""
-        self._frame = 0
-
-    def update(self, image: NDArray[Any]) -> tuple[bool, list[float]]:
-        """Return the truth."""
-        self._frame += 1
-        box = self._boxes[self._frame]
-        return box is not None, [0.0] * 4 if box is None else box
-
-
-_HERE = "eval.trackers"
 
 TRACKERS: dict[str, TrackerSpec] = {
-    "TrackerHS": TrackerSpec("TrackerHS", f"{_HERE}:trackerhs", sources=("hs_tracker_cv",)),
-    "CSRT": TrackerSpec("CSRT", f"{_HERE}:csrt"),
-    "KCF": TrackerSpec("KCF", f"{_HERE}:KCF"),
-    "KCF-primed": TrackerSpec("KCF-primed", f"{_HERE}:PrimedKCF"),
-    "MIL": TrackerSpec("MIL", f"{_HERE}:mil", repeats=3),
-    "MOSSE": TrackerSpec("MOSSE", f"{_HERE}:mosse"),
-    "MedianFlow": TrackerSpec("MedianFlow", f"{_HERE}:median_flow"),
-    "TemplateMatching": TrackerSpec(
-        "TemplateMatching",
-        "eval.baselines.template_matching:TemplateMatching",
-        sources=("eval.baselines.template_matching",),
-    ),
-    "FrameDifferencing": TrackerSpec(
-        "FrameDifferencing",
-        "eval.baselines.frame_differencing:FrameDifferencing",
-        sources=("eval.baselines.frame_differencing", "eval.baselines.regions"),
-    ),
-    "BackgroundModel": TrackerSpec(
-        "BackgroundModel",
-        "eval.baselines.background_model:BackgroundModel",
-        sources=("eval.baselines.background_model", "eval.baselines.regions"),
-    ),
-    "Static": TrackerSpec("Static", f"{_HERE}:Static"),
-    "Oracle": TrackerSpec("Oracle", f"{_HERE}:Oracle", sees_truth=True),
+    spec.name: spec
+    for spec in (
+        TrackerSpec("TrackerHS", f"{__name__}:trackerhs", sources=("hs_tracker_cv",)),
+        _baseline("CSRT", "opencv:csrt"),
+        _baseline("KCF", "opencv:KCF"),
+        _baseline("KCF-primed", "opencv:PrimedKCF"),
+        _baseline("MIL", "opencv:mil", repeats=3),
+        _baseline("MOSSE", "opencv:mosse"),
+        _baseline("MedianFlow", "opencv:median_flow"),
+        _baseline("TemplateMatching", "template_matching:TemplateMatching"),
+        _baseline("FrameDifferencing", "frame_differencing:FrameDifferencing", "regions"),
+        _baseline("BackgroundModel", "background_model:BackgroundModel", "regions"),
+        _baseline("Static", "known:Static"),
+        _baseline("Oracle", "known:Oracle", sees_truth=True),
+    )
 }
 
 DEFAULT_TRACKERS: tuple[str, ...] = tuple(name for name, spec in TRACKERS.items() if not spec.sees_truth)
@@ -213,14 +112,26 @@ def find_tracker(name: str) -> TrackerSpec:
 
 
 def code_version(spec: TrackerSpec) -> str:
-    """Hash of what a tracker's answers depend on besides the frames: factory, parameters, source, cv2's version."""
+    """Hash of what a tracker's answers depend on besides the frames.
+
+    That is factory, parameters, its sources and compiled extensions, what runs it in its process, and the versions
+    of the libraries that the trackers here are made of.
+    """
     digest = hashlib.sha256()
-    for part in (spec.factory, json.dumps(dict(spec.params), sort_keys=True), str(cv2.__version__), np.__version__):
+    versions = (str(cv2.__version__), *map(_version, _LIBRARIES))
+    for part in (spec.factory, json.dumps(dict(spec.params), sort_keys=True), *versions):
         digest.update(part.encode() + b"\0")
-    for source in spec.sources:
+    for source in (*spec.sources, *_RUNNERS):
         for path in _source_files(source):
             digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
+
+
+def _version(distribution: str) -> str:
+    try:
+        return f"{distribution} {version(distribution)}"
+    except PackageNotFoundError:
+        return f"no {distribution}"
 
 
 def _source_files(module: str) -> list[Path]:
@@ -228,8 +139,9 @@ def _source_files(module: str) -> list[Path]:
     if found is None:
         raise ValueError(f"cannot find the module {module!r}")
     if found.submodule_search_locations:
-        return sorted(path for root in found.submodule_search_locations for path in Path(root).rglob("*.py"))
-    return [Path(found.origin)] if found.origin and found.origin.endswith(".py") else []
+        roots = [Path(root) for root in found.submodule_search_locations]
+        return sorted(path for root in roots for path in root.rglob("*") if path.suffix in _CODE)
+    return [Path(found.origin)] if found.origin and Path(found.origin).suffix in _CODE else []
 
 
 def _find_spec(module: str) -> Any:

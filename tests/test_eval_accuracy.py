@@ -488,6 +488,25 @@ def test_the_oracle_is_no_default() -> None:
     assert "Static" in DEFAULT_TRACKERS
 
 
+def test_the_oracle_scores_exactly_one(sequence: Sequence, tmp_path: Path) -> None:
+    """Truth of any binary fraction goes to its process, into its file and back without losing a bit."""
+    rng = np.random.default_rng(5)
+    boxes = np.concatenate([rng.uniform(5, 20, (COUNT, 2)), rng.uniform(8, 20, (COUNT, 2))], axis=1)
+    visibility = np.array([1.0, 0.3, 0.0, 0.0, 1.0, 0.7])
+    exact = replace(sequence, boxes=boxes, visibility=visibility)
+    folder = Folder(tmp_path / "results")
+    folder.write_manifest("test", [exact])
+    run_jobs(make_jobs([TRACKERS["Oracle"]], [exact]), folder, workers=1, report=collect([]))
+    (run,), (truth,) = folder.read_runs(), folder.read_sequences()
+    scores = summarise(
+        frame_scores(truth.boxes, truth.visibility, run.trajectory.boxes, run.trajectory.ok, truth.size)
+    )
+    ones = ("mean_iou", "auc", "sr50", "sr75", "precision20", "normalised_precision")
+    assert [scores[name] for name in ones] == [1.0] * len(ones)
+    assert (scores["false_true"], scores["false_false"]) == (0.0, 0.0)
+    assert scores["auc_otb"] == 20 / 21
+
+
 def test_start_boxes_are_perturbed_alike_for_all_and_stay_inside(sequence: Sequence) -> None:
     """Start 0 is exact, others differ from it by at most a tenth and the rounding, and are the same every time."""
     assert start_box(sequence, 0) == (10, 10, 20, 10)
@@ -692,7 +711,7 @@ def test_repeats_and_starts_are_jobs_of_their_own(sequence: Sequence) -> None:
 def test_names_are_looked_up_and_unknown_ones_list_the_known() -> None:
     """A plugin is ``pkg.module:factory``; anything else must be in the table."""
     assert find_tracker("CSRT") is TRACKERS["CSRT"]
-    assert find_tracker("eval.trackers:Static").factory == "eval.trackers:Static"
+    assert find_tracker("eval.baselines.known:Static").factory == "eval.baselines.known:Static"
     with pytest.raises(ValueError, match=r"unknown tracker 'CSTR'; known: TrackerHS, CSRT"):
         find_tracker("CSTR")
     with pytest.raises(ValueError, match="cannot find the module 'no_such_package'"):
@@ -706,6 +725,38 @@ def test_the_version_follows_source_and_parameters(bad: Callable[..., TrackerSpe
     assert code_version(bad("Fine", rate=0.1)) != before
     (tmp_path / "bad_trackers.py").write_text(BAD_TRACKERS + "\n")
     assert code_version(bad("Fine")) != before
+
+
+def test_everything_that_answers_depend_on_is_in_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every tracker of the table names its sources; versions of libraries, and what runs it, count for all."""
+    before = {name: code_version(spec) for name, spec in TRACKERS.items()}
+    assert len(set(before.values())) == len(before)
+    read_bytes = Path.read_bytes
+
+    def edited(name: str) -> set[str]:
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "read_bytes", lambda path: read_bytes(path) + b"#" * (path.name == name))
+            return {key for key, spec in TRACKERS.items() if code_version(spec) != before[key]}
+
+    assert edited("opencv.py") == {"CSRT", "KCF", "KCF-primed", "MIL", "MOSSE", "MedianFlow"}
+    assert edited("known.py") == {"Static", "Oracle"}
+    assert edited("regions.py") == {"FrameDifferencing", "BackgroundModel"}
+    assert "TrackerHS" in edited("tracker.py")
+    assert edited("track.py") == set(TRACKERS)
+    monkeypatch.setattr("eval.trackers.version", lambda name: "99")
+    assert all(code_version(spec) != before[name] for name, spec in TRACKERS.items())
+
+
+def test_a_compiled_extension_is_in_the_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A library that is compiled anew is another one, though no line of Python has changed."""
+    (tmp_path / "compiled_tracker").mkdir()
+    (tmp_path / "compiled_tracker" / "__init__.py").write_text("")
+    (tmp_path / "compiled_tracker" / "_native.abi3.so").write_bytes(b"one")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    spec = find_tracker("compiled_tracker:make")
+    before = code_version(spec)
+    (tmp_path / "compiled_tracker" / "_native.abi3.so").write_bytes(b"two")
+    assert code_version(spec) != before
 
 
 def test_speed_is_measured_side_by_side_and_survives(

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from eval.baselines.background_model import BackgroundModel
 from eval.baselines.frame_differencing import FrameDifferencing
+from eval.baselines.opencv import KCF, PrimedKCF
 from eval.baselines.regions import noise_threshold
 from eval.baselines.template_matching import TemplateMatching
 from eval.metrics import iou_per_frame
-from eval.trackers import KCF, PrimedKCF
 
 SIZE = (200, 150)
 Frames = list[NDArray[np.uint8]]

@@ -353,7 +353,7 @@ def test_a_failure_leaves_the_child_in_use() -> None:
     with Child("eval.track:Track", Limits()) as child:
         with pytest.raises(ChildError, match="raised ValueError: cannot load 'nowhere:Nothing'"):
             child.ask({"do": "open", "factory": "nowhere:Nothing", "params": {}})
-        assert child.ask({"do": "open", "factory": "eval.trackers:Static", "params": {}}).content == {}
+        assert child.ask({"do": "open", "factory": "eval.baselines.known:Static", "params": {}}).content == {}
         assert child.running()
     assert not child.running()
 

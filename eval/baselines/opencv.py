@@ -1,0 +1,73 @@
+"""Trackers of OpenCV, as it ships them, and KCF at its best."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+from numpy.typing import NDArray
+
+__all__ = ["KCF", "PrimedKCF", "csrt", "median_flow", "mil", "mosse"]
+
+_cv2: Any = cv2  # its stubs leave out the contrib modules
+
+
+def csrt() -> Any:
+    """CSRT as OpenCV ships it."""
+    return _cv2.TrackerCSRT_create()
+
+
+def mil() -> Any:
+    """MIL as OpenCV ships it; differs from run to run."""
+    return _cv2.TrackerMIL_create()
+
+
+def mosse() -> Any:
+    """MOSSE of ``cv2.legacy``."""
+    return _cv2.legacy.TrackerMOSSE_create()
+
+
+def median_flow() -> Any:
+    """MedianFlow of ``cv2.legacy``."""
+    return _cv2.legacy.TrackerMedianFlow_create()
+
+
+class KCF:
+    """KCF as OpenCV ships it; never recovers from the motion between its init and its first update.
+
+    It raises on gray frames, so it gets them in three channels, as a user would do after the first exception.
+    """
+
+    def __init__(self) -> None:
+        self._tracker = _cv2.TrackerKCF_create()
+
+    def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
+        """Start."""
+        self._tracker.init(_in_colour(image), boundingBox)
+
+    def update(self, image: NDArray[Any]) -> tuple[bool, Any]:
+        """Locate the target."""
+        ok, box = self._tracker.update(_in_colour(image))
+        return ok, box
+
+
+class PrimedKCF(KCF):
+    """KCF at its best: it detects from the first update on, and never gives up.
+
+    As shipped it does not detect in its first update, and is off ever after by the motion up to there; an update
+    on the frame of `init` cures it. A detection threshold of 0 keeps it from giving up at its first low peak.
+    """
+
+    def __init__(self) -> None:
+        parameters = _cv2.TrackerKCF_Params()
+        parameters.detect_thresh = 0.0
+        self._tracker = _cv2.TrackerKCF_create(parameters)
+
+    def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
+        """Start, and prime."""
+        super().init(image, boundingBox)
+        self.update(image)
+
+
+def _in_colour(image: NDArray[Any]) -> NDArray[Any]:
+    return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 or image.shape[2] == 1 else image
