@@ -2,11 +2,12 @@
 
 from .draw import draw, draw_mixed
 from .parameters import parameters
-from .render import render
+from .render import Truth, render, truth
 from .sequence import Sequence
 from .spec import SequenceSpec
 from .suites import SUITES, canonical, suite
 
 __all__ = [
-    "SUITES", "Sequence", "SequenceSpec", "canonical", "draw", "draw_mixed", "parameters", "render", "suite",
+    "SUITES", "Sequence", "SequenceSpec", "Truth", "canonical", "draw", "draw_mixed", "parameters", "render", "suite",
+    "truth",
 ]  # fmt: skip

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from .motion import PATHS
 from .pose import stage_of
 from .spec import Actor, SequenceSpec
 
@@ -29,6 +32,8 @@ def parameters(spec: SequenceSpec) -> dict[str, Value]:
     target, motion, camera = spec.target, spec.target.motion, spec.camera
     found: dict[str, Value | None] = {
         "theme": spec.theme or None,
+        "frames": spec.frames,
+        "frame": f"{spec.size[0]}x{spec.size[1]}",
         "shape": target.shape,
         "width": round(target.size[0], 1),
         "height": round(target.size[1], 1),
@@ -54,8 +59,6 @@ def parameters(spec: SequenceSpec) -> dict[str, Value]:
         "behind": _names(spec.scene.behind),
         "in_front": _names(spec.scene.front),
         "blanks": " ".join(f"{blank.kind} {blank.first}–{blank.stop - 1}" for blank in spec.blanks) or None,
-        "frames": spec.frames,
-        "frame": f"{spec.size[0]}x{spec.size[1]}",
     }
     return {name: value for name, value in found.items() if value is not None}
 
@@ -70,9 +73,8 @@ def _speed(spec: SequenceSpec) -> float:
 
 
 def _pan(spec: SequenceSpec) -> float:
-    stage = stage_of(spec)
-    first, last = stage.camera(0.0).corner, stage.camera(spec.frames - 1.0).corner
-    return float(np.hypot(last[0] - first[0], last[1] - first[1])) / (spec.frames - 1)
+    pan = spec.camera.pan
+    return math.dist(PATHS[pan.kind](pan, 0.0), PATHS[pan.kind](pan, 1.0)) / (spec.frames - 1)
 
 
 def _spans(spans: tuple[tuple[int, int], ...]) -> str | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from .sequence import Sequence
 from .spec import Actor, SequenceSpec, Texture
 from .textures import paint, resample, sample
 
-__all__ = ["coverage", "render"]
+__all__ = ["Truth", "coverage", "render", "truth"]
 
 Image = NDArray[np.float32]
 
@@ -98,9 +99,9 @@ def _skin(actor: Actor, zoom: float) -> _Skin:
 
 @dataclass(eq=False)
 class _Canvas:
-    """A picture in the making, with what is seen where."""
+    """A picture in the making (or none), with what is seen where."""
 
-    image: Image
+    image: Image | None
     labels: NDArray[np.uint8]
     target: Image
     unhidden: float = 0.0
@@ -114,8 +115,12 @@ class _Painter:
         self.spec = spec
         self.stage: Stage = stage_of(spec)
         self.width, self.height = spec.size
-        zoom = max(spec.camera.zoom)
-        self.skins = [_skin(actor, zoom) for actor in self.stage.actors]
+
+    @cached_property
+    def skins(self) -> list[_Skin]:
+        """Painted picture of each actor."""
+        zoom = max(self.spec.camera.zoom)
+        return [_skin(actor, zoom) for actor in self.stage.actors]
 
     @cached_property
     def _world(self) -> tuple[Image, int, int]:
@@ -145,15 +150,20 @@ class _Painter:
     def _still_view(self) -> Image:
         return self._view(0.0)
 
-    def moment(self, t: float, frame: int) -> _Canvas:
+    def moment(self, t: float, frame: int) -> tuple[Image, _Canvas]:
         """Draw everything at time t of frame number `frame`."""
-        shape = (self.height, self.width)
         image = self._still_view.copy() if self.stage.still else self._view(t)
+        return image, self.outlines(t, frame, image)
+
+    def outlines(self, t: float, frame: int, image: Image | None = None) -> _Canvas:
+        """Say what is seen where at time t of frame number `frame`, and paint it into a picture of the ground."""
+        shape = (self.height, self.width)
         canvas = _Canvas(image, np.zeros(shape, np.uint8), np.zeros(shape, np.float32))
         present = [k for k in range(len(self.stage.actors)) if self.stage.present(k, frame)]
         poses = {k: self.stage.actor(k, t) for k in present}
-        for k in present:
-            self._shadow(canvas, poses[k])
+        if image is not None:
+            for k in present:
+                self._shadow(image, poses[k])
         for k in present:
             for label, pose in zip(self.stage.labels_of(k), poses[k], strict=True):
                 self._draw(canvas, k, pose, label, t)
@@ -167,7 +177,7 @@ class _Painter:
         x1, y1 = (int(min(max(value, 0), side)) for value, side in zip(high, self.spec.size, strict=True))
         return x0, y0, max(x1 - x0, 0), max(y1 - y0, 0)
 
-    def _shadow(self, canvas: _Canvas, poses: list[PartPose]) -> None:
+    def _shadow(self, image: Image, poses: list[PartPose]) -> None:
         shadow = poses[0].actor.shadow
         if shadow is None:
             return
@@ -186,7 +196,7 @@ class _Painter:
         x1, y1, w, h = self._window(np.array([[x0, y0], [x0 + width, y0 + height]], dtype=np.float64))
         if w and h:
             part = dark[y1 - y0 : y1 - y0 + h, x1 - x0 : x1 - x0 + w, np.newaxis]
-            canvas.image[y1 : y1 + h, x1 : x1 + w] *= 1 - np.float32(shadow.strength) * part
+            image[y1 : y1 + h, x1 : x1 + w] *= 1 - np.float32(shadow.strength) * part
 
     def _draw(self, canvas: _Canvas, index: int, pose: PartPose, label: int, t: float) -> None:
         outline = pose.outline()
@@ -195,11 +205,12 @@ class _Painter:
             return
         alpha = coverage(outline, x0, y0, width, height)
         window = (slice(y0, y0 + height), slice(x0, x0 + width))
-        inside = np.nonzero(alpha)
-        colour = self._colour(index, pose, *_centres(inside, x0, y0), t)
-        weight = alpha[inside][:, np.newaxis]
-        view = canvas.image[window]
-        view[inside] = view[inside] * (1 - weight) + colour * weight
+        if canvas.image is not None:
+            inside = np.nonzero(alpha)
+            colour = self._colour(index, pose, *_centres(inside, x0, y0), t)
+            weight = alpha[inside][:, np.newaxis]
+            view = canvas.image[window]
+            view[inside] = view[inside] * (1 - weight) + colour * weight
         canvas.labels[window][alpha >= 0.5] = label
         canvas.target[window] *= 1 - alpha
         if index == self.stage.target_index:
@@ -220,12 +231,12 @@ class _Painter:
 
     def picture(self, t: int) -> tuple[Image, _Canvas]:
         """Draw frame t as the shutter sees it, and its canvas at the middle of the exposure."""
-        middle = self.moment(float(t), t)
+        image, middle = self.moment(float(t), t)
         shutter = self.spec.camera.shutter
         if shutter == 0:
-            return middle.image, middle
+            return image, middle
         offsets = shutter * ((np.arange(_BLUR_SAMPLES) + 0.5) / _BLUR_SAMPLES - 0.5)
-        total = sum(middle.image if offset == 0 else self.moment(t + offset, t).image for offset in offsets.tolist())
+        total = sum(image if offset == 0 else self.moment(t + offset, t)[0] for offset in offsets.tolist())
         return np.asarray(total / np.float32(_BLUR_SAMPLES), dtype=np.float32), middle
 
     def expose(self, image: Image, t: int) -> NDArray[np.uint8]:
@@ -308,6 +319,45 @@ def _frame_attributes(
     }
 
 
+class Truth(NamedTuple):
+    """Where the target is in each of T frames; see :class:`~datasets_synthetic.Sequence`."""
+
+    boxes: NDArray[np.float64]
+    visible_boxes: NDArray[np.float64]
+    visibility: NDArray[np.float64]
+
+
+def _target_in(
+    painter: _Painter, canvas: _Canvas, t: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, tuple[NDArray[np.float64], ...]]:
+    """Box, visible box, visibility and outlines of the target in frame t; a blank frame's canvas is emptied."""
+    spec, stage = painter.spec, painter.stage
+    if spec.blank(t):
+        canvas.labels[:], canvas.target[:] = 0, 0
+    outlines = [pose.outline() for pose in stage.actor(stage.target_index, float(t))]
+    mask, box = canvas.target >= 0.5, _tight(outlines)
+    share = _share(canvas, outlines, mask, spec.size)
+    return box, _visible_box(mask, box, share), share, tuple(outlines)
+
+
+def truth(spec: SequenceSpec) -> Truth:
+    """Give the truth of a sequence without painting it, which takes a tenth of the time.
+
+    Parameters
+    ----------
+    spec : SequenceSpec
+
+    Returns
+    -------
+    Truth
+        The same numbers as :func:`render` gives.
+    """
+    painter = _Painter(spec)
+    found = [_target_in(painter, painter.outlines(float(t), t), t)[:3] for t in range(spec.frames)]
+    boxes, visible, shares = zip(*found, strict=True)
+    return Truth(np.array(boxes), np.array(visible), np.array(shares))
+
+
 def render(spec: SequenceSpec) -> Sequence:
     """Render a sequence.
 
@@ -322,7 +372,6 @@ def render(spec: SequenceSpec) -> Sequence:
         libjpeg inside the OpenCV wheel.
     """
     painter = _Painter(spec)
-    stage = painter.stage
     shape = (spec.frames, spec.size[1], spec.size[0])
     gray = any(effect.kind == "gray" for effect in spec.effects)
     frames = np.empty(shape if gray else (*shape, 3), np.uint8)
@@ -332,14 +381,9 @@ def render(spec: SequenceSpec) -> Sequence:
     polygons = []
     for t in range(spec.frames):
         image, canvas = painter.picture(t)
-        if spec.blank(t):
-            canvas.labels[:], canvas.target[:] = 0, 0
         frames[t] = painter.expose(image, t)
+        boxes[t], visible[t], visibility[t], outlines = _target_in(painter, canvas, t)
         labels[t], masks[t] = canvas.labels, canvas.target >= 0.5
-        outlines = [pose.outline() for pose in stage.actor(stage.target_index, float(t))]
-        boxes[t] = _tight(outlines)
-        visibility[t] = _share(canvas, outlines, masks[t], spec.size)
-        visible[t] = _visible_box(masks[t], boxes[t], float(visibility[t]))
-        polygons.append(tuple(outlines))
+        polygons.append(outlines)
     attributes = _frame_attributes(spec, boxes, visibility)
     return Sequence(spec, frames, boxes, visible, masks, visibility, tuple(polygons), labels, attributes)

@@ -170,9 +170,7 @@ def _stored(job: Job, key: str, folder: Folder) -> tuple[Run | None, str]:
 
 def hidden_paths(sequence: Sequence, results: Path | None = None) -> list[Path]:
     """Where truth lies, so that a child can be kept from it: the data set, all results."""
-    source = sequence.frames
-    places = {Path(path) for path in source.paths if source.kind == "video"}
-    places |= {Path(path).parent for path in source.paths if source.kind in ("images", "array")}
+    places = set(sequence.frames.places())
     if results is not None:
         places |= {results, *(path.parent for path in results.absolute().parent.glob("*/run.json"))}
     return sorted(place.absolute() for place in places)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
+
+import pandas as pd
 
 from . import ablation, regression
 from .accuracy import make_jobs, run_jobs
@@ -14,9 +15,10 @@ from .process import Limits
 from .progress import Steps, make_console
 from .report import write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
-from .sequences import Sequence, load_suite
+from .sequences import Sequence, canonical_suite, load_suite, suite_folder
 from .speed import BLOCK, TIMED_UPDATES, measure_speed
 from .tables import (
+    Summary,
     console_table,
     failure_table,
     format_cell,
@@ -25,6 +27,8 @@ from .tables import (
     speed_overall_text,
     speed_text,
     summarise_folder,
+    theme_table,
+    worst_table,
     write_table,
     write_tables,
 )
@@ -133,6 +137,9 @@ def report(
         summary = summarise_folder(folder, chosen=chosen, trackers=None if trackers is None else list(trackers))
         write_tables(summary, path / "tables")
         write_report(summary, folder, path / "report.html", videos=videos)
+        if len(summary.themes):
+            for table, title in _details(summary):
+                _console.print(console_table(table, title))
         _console.print(console_table(overall_table(summary), summary.source, bold=summary.chosen))
         _console.print(f"report: {(path / 'report.html').resolve()}", soft_wrap=True)
 
@@ -151,7 +158,7 @@ def bench(*, suite: SuiteName = "standard", jobs: Jobs = 2, repeats: int = 1, ou
     folder, found = _open(out, suite, None)
     _run_with_progress(specs, found, folder, jobs, Limits(), 0, False)
     _speed_with_progress(specs, found, folder, Limits(60.0))
-    report(out=out, only=suite)
+    report(out=out, only=folder.path.name)
 
 
 def ablate(
@@ -214,9 +221,12 @@ def _load(
 ) -> tuple[str, list[Sequence]]:
     if suite and dataset:
         raise SequenceError("expected --suite or --dataset, got both")
-    source = dataset or f"suite:{suite or 'standard'}"
+    name = canonical_suite(suite or "standard")
+    if suite not in (None, name):
+        _console.print(f"seed of the clock: the same sequences again are --suite {name}", highlight=False)
+    source = dataset or f"suite:{name}"
     with _console.status(f"reading {source}"):
-        found = load_dataset(dataset, only) if dataset else load_suite(suite or "standard")
+        found = load_dataset(dataset, only) if dataset else load_suite(name)
     unknown = set(only) - {sequence.name for sequence in found}
     if unknown:
         names = ", ".join(sequence.name for sequence in found)
@@ -235,15 +245,15 @@ def _open(
 ) -> tuple[Folder, list[Sequence]]:
     """Sequences, and the folder of their results, which says from now on what the last run was about."""
     source, found = _load(suite, dataset, only, frames)
-    folder = Folder(out / f"{kind}{_folder_name(suite, dataset)}")
+    folder = Folder(out / f"{kind}{_folder_name(source)}")
     folder.write_manifest(source, found)
     return folder, found
 
 
-def _folder_name(suite: str | None, dataset: str | None) -> str:
-    if dataset is None:
-        return re.sub(r"[/:]", "-", suite or "standard")
-    kind, _, where = dataset.partition(":")
+def _folder_name(source: str) -> str:
+    kind, _, where = source.partition(":")
+    if kind == "suite":
+        return suite_folder(where)
     return f"{kind}-{Path(where.rpartition('+')[0] or where).expanduser().resolve().stem}"
 
 
@@ -289,9 +299,20 @@ def _speed_with_progress(
         measure_speed(specs, sequences, folder, frames=frames, block=block, limits=limits, report=done)
 
 
+def _details(summary: Summary) -> list[tuple[pd.DataFrame, str]]:
+    """Tables with their titles: of a distribution what kinds of draws are hard, else every sequence."""
+    if not len(summary.themes):
+        return [(sequence_table(summary), f"mean IoU per sequence of {summary.source}")]
+    return [
+        (theme_table(summary), f"mean IoU per theme of {summary.source}"),
+        (worst_table(summary), f"worst of {summary.chosen}"),
+    ]
+
+
 def _print_summary(folder: Folder, trackers: list[str]) -> None:
     summary = summarise_folder(folder, trackers=trackers)
-    _console.print(console_table(sequence_table(summary), f"mean IoU per sequence of {summary.source}"))
+    for table, title in _details(summary):
+        _console.print(console_table(table, title))
     failures = failure_table(summary)
     if len(failures):
         _console.print(console_table(failures, "runs that did not go through"))

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from . import rendered
 
 __all__ = ["IMAGE_FLAGS", "FrameSource", "FrameSourceError"]
 
@@ -28,9 +31,10 @@ class FrameSource:
     Parameters
     ----------
     paths : tuple of str
-        One image file per frame; or a single ``.npy`` file of shape (T, H, W) or (T, H, W, C); or a single video.
-    kind : {"images", "array", "video"}
-        Which of the three.
+        One image file per frame; or a single ``.npy`` file of shape (T, H, W) or (T, H, W, C); or a single video; or
+        of a drawn sequence the arguments of :func:`eval.rendered.frames_of`: suite, index, digest.
+    kind : {"images", "array", "video", "drawn"}
+        Which of the four.
     count : int
         Number of frames to give.
     """
@@ -47,8 +51,14 @@ class FrameSource:
         FrameSourceError
             At the first frame that cannot be read.
         """
-        reader = {"images": self._images, "array": self._array, "video": self._video}[self.kind]
+        reader = {"images": self._images, "array": self._array, "video": self._video, "drawn": self._drawn}[self.kind]
         return islice(reader(), self.count)
+
+    def places(self) -> list[Path]:
+        """Folders and files that the frames, and what belongs to them, lie in."""
+        if self.kind == "drawn":
+            return [rendered.kept_frames()]
+        return [Path(path) if self.kind == "video" else Path(path).parent for path in self.paths]
 
     def to_json(self) -> dict[str, Any]:
         """Plain data from which :meth:`from_json` makes an equal source."""
@@ -68,6 +78,15 @@ class FrameSource:
 
     def _array(self) -> Iterator[NDArray[Any]]:
         for frame in np.load(self.paths[0], mmap_mode="r"):
+            yield np.array(frame)
+
+    def _drawn(self) -> Iterator[NDArray[Any]]:
+        suite, index, digest = self.paths
+        try:
+            frames = rendered.frames_of(suite, int(index), digest)
+        except ValueError as error:
+            raise FrameSourceError(str(error)) from error
+        for frame in frames:
             yield np.array(frame)
 
     def _video(self) -> Iterator[NDArray[Any]]:

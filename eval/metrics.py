@@ -8,7 +8,8 @@ Conventions
   an area. It is *invisible* when nothing can be seen: only `ok` counts. In between, nothing does.
 * ``ok=False``, a missing answer or a box that is not finite on a visible frame has IoU 0 and an infinite distance.
 * *false True* is the share of the invisible frames that were answered with ``ok=True``, *false False* that of the
-  visible ones with ``ok=False``, whatever the box.
+  visible ones with ``ok=False``, whatever the box; *True far off* is the share of the visible ones with ``ok=True``
+  and an IoU below 0.1.
 * The success curve is the share of frames with IoU ≥ t, and with IoU > 0 at t = 0: a perfect tracker scores 1 at
   every threshold and an absent one 0. Its AUC (trapezium rule, 101 thresholds) therefore reaches exactly 1. The
   field's toolkits count IoU > t at 21 thresholds, where a perfect tracker scores 20/21: that is *AUC (21 ×, >)*.
@@ -43,6 +44,9 @@ FloatArray = NDArray[np.float64]
 
 MIN_VISIBILITY = 0.1
 """Least visible fraction at which a box is scored."""
+
+FAR_OFF = 0.1
+"""IoU under which a box is about something else."""
 
 SUCCESS_THRESHOLDS: FloatArray = np.linspace(0.0, 1.0, 101)
 PRECISION_THRESHOLDS: FloatArray = np.arange(0.0, 51.0)
@@ -81,6 +85,7 @@ METRICS: dict[str, Metric] = {
     "normalised_precision": Metric("norm. P", "", "higher"),
     "false_true": Metric("false True", "", "lower", weight="invisible"),
     "false_false": Metric("false False", "", "lower", weight="visible"),
+    "true_off": Metric("True far off", "", "lower", weight="visible"),
 }
 
 
@@ -245,4 +250,5 @@ def summarise(scores: FrameScores) -> dict[str, float]:
         found["normalised_precision"] = _area_under(precision_curve(normalised, NORMALISED_THRESHOLDS))
     found["false_true"] = _share(scores.ok[scores.invisible])
     found["false_false"] = _share(~scores.ok[visible])
+    found["true_off"] = _share(scores.ok[visible] & (iou < FAR_OFF))
     return {**found, "visible": float(visible.sum()), "invisible": float(scores.invisible.sum())}

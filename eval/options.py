@@ -9,8 +9,9 @@ import tyro
 
 __all__ = ["Dataset", "Jobs", "Only", "Out", "Paths", "Suite", "SuiteName", "Trackers"]
 
-SuiteName = Annotated[str, tyro.conf.arg(help="Synthetic suite.")]
-Suite = Annotated[str | None, tyro.conf.arg(help='Synthetic suite; "standard" when no data set is given.')]
+_SUITE = "Synthetic suite, drawn:N:SEED or drawn/THEME:N:SEED (SEED may be clock)"
+SuiteName = Annotated[str, tyro.conf.arg(help=f"{_SUITE}.")]
+Suite = Annotated[str | None, tyro.conf.arg(help=f'{_SUITE}; "standard" when no data set is given.')]
 Dataset = Annotated[str | None, tyro.conf.arg(help="otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.")]
 Trackers = Annotated[tuple[str, ...], tyro.conf.arg(help="Names, or pkg.module:factory.")]
 Only = Annotated[tuple[str, ...], tyro.conf.arg(help="Only these sequences.")]

@@ -19,7 +19,7 @@ from .overlay import contact_sheet, encode_jpeg, write_video
 from .plots import before_loss_plot, calibration_plot, colour_of, precision_plot, speed_plot, success_plot
 from .results import Folder, ResultsError, Run, SpeedRun
 from .sequences import Sequence
-from .statistics import calibration, curves, score_before_loss
+from .statistics import LOW_QUANTILE, SURE, calibration, curves, score_before_loss
 from .tables import (
     Summary,
     attribute_table,
@@ -28,11 +28,16 @@ from .tables import (
     overall_table,
     sequence_table,
     speed_text,
+    theme_table,
+    worst_table,
 )
 
 __all__ = ["write_report"]
 
 _TEMPLATE = "report.html.j2"
+
+_SHEETS = 40
+"""Most sequences with a contact sheet: more make a file that no browser likes."""
 
 
 def write_report(summary: Summary, folder: Folder, path: Path, *, videos: int = 3) -> None:
@@ -82,6 +87,8 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "overall": overall_table(summary),
         "differences": difference_table(summary),
         "attributes": attribute_table(summary),
+        "themes": theme_table(summary),
+        "worst": worst_table(summary),
         "per_sequence": sequence_table(summary),
         "speed": speed_text(folder.read_speeds()) if len(summary.speed) else None,
         "turns": _turns(folder.read_speeds()),
@@ -101,6 +108,8 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "provenance": provenance,
         "conventions": _conventions(),
         "units": {metric.title: metric.better for metric in METRICS.values()},
+        "low_quantile": f"{100 * LOW_QUANTILE:g}",
+        "sure": f"{SURE:g}",
     }
 
 
@@ -159,7 +168,10 @@ def _first_runs(summary: Summary) -> dict[str, dict[str, Run]]:
 
 
 def _by_shortfall(summary: Summary) -> list[tuple[Sequence, str, float]]:
-    """Sequences with the best other tracker, those first on which the chosen one is farthest behind it."""
+    """Sequences with the best other tracker, those first on which the chosen one is farthest behind it.
+
+    Of a distribution suite, those first on which the chosen one is worst.
+    """
     wide = summary.pairs.pivot(index="sequence", columns="tracker", values="mean_iou")
     rows = []
     for sequence in summary.sequences:
@@ -170,15 +182,17 @@ def _by_shortfall(summary: Summary) -> list[tuple[Sequence, str, float]]:
         own = scores.pop(summary.chosen, np.inf)
         scores.pop("Oracle", None)
         best = max(scores, key=lambda name: scores[name], default="")
-        rows.append((sequence, best, own - scores.get(best, 0.0)))
-    return sorted(rows, key=lambda row: row[2])
+        rows.append(
+            (sequence, best, own - scores.get(best, 0.0), own if sequence.theme else own - scores.get(best, 0.0))
+        )
+    return [row[:3] for row in sorted(rows, key=lambda row: row[3])]
 
 
 def _pictures(summary: Summary, videos: int) -> list[dict[str, object]]:
-    """Contact sheet of every sequence whose frames are still there, a video of the first few."""
+    """Contact sheets of sequences whose frames can be had, a video of the first few."""
     runs, colours = _first_runs(summary), _colours(summary)
     found: list[dict[str, object]] = []
-    for rank, (sequence, best, gap) in enumerate(_by_shortfall(summary)):
+    for rank, (sequence, best, gap) in enumerate(_by_shortfall(summary)[:_SHEETS]):
         shown = {name: runs[sequence.name][name] for name in (best, summary.chosen) if name in runs[sequence.name]}
         try:
             sheet = encode_jpeg(contact_sheet(sequence, shown, colours))

@@ -368,6 +368,7 @@ def _sequence_to_json(sequence: Sequence) -> dict[str, Any]:
         "attributes": list(sequence.attributes),
         "size": list(sequence.size),
         "digest": sequence.digest,
+        "parameters": dict(sequence.parameters),
     }
 
 
@@ -380,4 +381,5 @@ def _sequence_from_json(data: dict[str, Any]) -> Sequence:
         attributes=tuple(data["attributes"]),
         size=(data["size"][0], data["size"][1]),
         digest=data["digest"],
+        parameters=dict(data.get("parameters", {})),
     )

@@ -5,28 +5,21 @@ Those of data sets are read by :mod:`eval.datasets`.
 
 from __future__ import annotations
 
-import hashlib
-import os
-import shutil
-import tempfile
-import time
-from dataclasses import dataclass, replace
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
-import cv2
-import joblib
 import numpy as np
 from numpy.typing import NDArray
 
 from .framesource import FrameSource
+from .rendered import digest_of
 from .truthfiles import SequenceError
 
-__all__ = ["Sequence", "load_suite"]
+if TYPE_CHECKING:
+    from datasets_synthetic import SequenceSpec
 
-_CACHE_DAYS = 2.0
-_RENDERERS = 2  # processes; each holds a whole sequence in memory
+__all__ = ["Sequence", "canonical_suite", "load_suite", "suite_folder"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +40,8 @@ class Sequence:
         Width and height of the frames, px.
     digest : str
         Hash of the frames and the truth.
+    parameters : mapping of str to str or number
+        Of one drawn from a distribution: what was drawn.
     """
 
     name: str
@@ -56,6 +51,12 @@ class Sequence:
     attributes: tuple[str, ...]
     size: tuple[int, int]
     digest: str
+    parameters: Mapping[str, str | float] = field(default_factory=dict)
+
+    @property
+    def theme(self) -> str:
+        """Of one drawn from a distribution: the theme; else empty."""
+        return str(self.parameters.get("theme", ""))
 
     def __post_init__(self) -> None:
         if self.boxes.shape != (len(self), 4) or self.visibility.shape != (len(self),):
@@ -87,8 +88,35 @@ class Sequence:
 # --- suites ------------------------------------------------------------------------------------------------
 
 
+def canonical_suite(name: str) -> str:
+    """Name of a suite in which the seed is a number, taken from the clock where it was not given.
+
+    Raises
+    ------
+    SequenceError
+        If there is no suite of that name; the message lists the known ones.
+    """
+    from datasets_synthetic import canonical
+
+    try:
+        return canonical(name)
+    except ValueError as error:
+        raise SequenceError(str(error)) from error
+
+
+def suite_folder(name: str) -> str:
+    """Name of the folder for results of a suite: draws of one seed share theirs, however many they are."""
+    kind, *numbers = name.split(":")
+    return "-".join([kind.replace("/", "-"), *numbers[1:]])
+
+
 def load_suite(name: str) -> list[Sequence]:
-    """Render a synthetic suite, or take it from the cache in the system's temporary folder.
+    """Sequences of a synthetic suite: their truth; the frames are rendered when they are asked for.
+
+    Parameters
+    ----------
+    name : str
+        Name of a suite, `drawn:N:SEED` or `drawn/THEME:N:SEED`.
 
     Raises
     ------
@@ -97,75 +125,14 @@ def load_suite(name: str) -> list[Sequence]:
     """
     from datasets_synthetic import suite
 
-    try:
-        specs = suite(name)
-    except ValueError as error:
-        raise SequenceError(str(error)) from error
-    cache, version = _cache_folder(), _renderer_version()
-    entries = [cache / f"{spec.digest()[:24]}-{version}" for spec in specs]
-    missing = [pair for pair in zip(specs, entries, strict=True) if not (pair[1] / "truth.npz").exists()]
-    if missing:
-        joblib.Parallel(n_jobs=min(_RENDERERS, len(missing)))(joblib.delayed(_render_into)(*pair) for pair in missing)
-    return [_from_cache(entry) for entry in entries]
+    name = canonical_suite(name)
+    return [_from_spec(name, index, spec) for index, spec in enumerate(suite(name))]
 
 
-def _cache_folder() -> Path:
-    user = os.getuid() if hasattr(os, "getuid") else "user"
-    folder = Path(tempfile.gettempdir()) / f"hs_tracker_cv-eval-{user}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    for entry in folder.iterdir():
-        if time.time() - entry.stat().st_mtime > _CACHE_DAYS * 86400.0:
-            shutil.rmtree(entry, ignore_errors=True)
-    return folder
+def _from_spec(suite: str, index: int, spec: SequenceSpec) -> Sequence:
+    from datasets_synthetic import parameters, truth
 
-
-def _renderer_version() -> str:
-    digest = hashlib.sha256(f"{cv2.__version__} {np.__version__}".encode())
-    found = find_spec("datasets_synthetic")
-    for root in (found.submodule_search_locations or ()) if found else ():
-        for path in sorted(Path(root).rglob("*.py")):
-            digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-def _from_cache(entry: Path) -> Sequence:
-    os.utime(entry)
-    with np.load(entry / "truth.npz", allow_pickle=False) as truth:
-        frames = np.load(entry / "frames.npy", mmap_mode="r")
-        source = FrameSource((str(entry / "frames.npy"),), "array", len(frames))
-        return Sequence(
-            name=str(truth["name"]),
-            frames=source,
-            boxes=truth["boxes"],
-            visibility=truth["visibility"],
-            attributes=tuple(str(item) for item in truth["attributes"]),
-            size=(frames.shape[2], frames.shape[1]),
-            digest=str(truth["digest"]),
-        )
-
-
-def _render_into(spec: Any, entry: Path) -> None:
-    """Render next to the place and move there in one step, so that an interrupted run leaves no half entry."""
-    from datasets_synthetic import render
-
-    rendered = render(spec)
-    frames = np.ascontiguousarray(rendered.frames)
-    boxes = np.asarray(rendered.boxes, dtype=np.float64)
-    visibility = np.asarray(rendered.visibility, dtype=np.float64)
-    digest = hashlib.sha256()
-    for array in (frames, boxes, visibility):
-        digest.update(f"{array.shape}{array.dtype}".encode() + array.tobytes())
-    with tempfile.TemporaryDirectory(dir=entry.parent, ignore_cleanup_errors=True) as scratch:
-        place = Path(scratch) / "entry"
-        place.mkdir()
-        np.save(place / "frames.npy", frames)
-        np.savez(
-            place / "truth.npz",
-            name=np.array(rendered.name),
-            boxes=boxes,
-            visibility=visibility,
-            attributes=np.array(list(rendered.attributes), dtype=np.str_),
-            digest=np.array(digest.hexdigest()[:16]),
-        )
-        if not entry.exists():
-            place.replace(entry)
+    digest, known = digest_of(spec), truth(spec)
+    source = FrameSource((suite, str(index), digest), "drawn", spec.frames)
+    shown = parameters(spec) if spec.theme else {}
+    return Sequence(spec.name, source, known.boxes, known.visibility, spec.attributes, spec.size, digest, shown)

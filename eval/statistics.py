@@ -17,17 +17,21 @@ __all__ = [
     "ScoredRun",
     "bootstrap_interval",
     "calibration",
+    "calibration_error",
     "curves",
     "differences",
     "median_known",
     "overall",
     "per_attribute",
     "per_sequence",
+    "per_theme",
     "score_before_loss",
     "score_frames",
+    "score_quality",
     "score_table",
     "speed_table",
     "wilson_interval",
+    "worst_sequences",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -36,6 +40,12 @@ _RESAMPLES = 5000
 _SEED = 20240501
 COVERAGE = 0.95
 """Of every interval given."""
+
+LOW_QUANTILE = 0.05
+"""Share of the sequences that are worse than what is called the 5 % quantile."""
+
+SURE = 0.9
+"""Score from which on a tracker counts as sure of itself."""
 
 
 @dataclass(frozen=True)
@@ -100,16 +110,19 @@ def _weights(rows: pd.DataFrame, metric: str) -> FloatArray:
 def overall(pairs: pd.DataFrame) -> pd.DataFrame:
     """Means over sequences, one row per tracker, the best mean IoU first.
 
-    Each sequence counts once, except that rates of `ok` count each frame once. `low` and `high` bound the mean IoU.
+    Each sequence counts once, except that rates of `ok` count each frame once. `low` and `high` bound the mean IoU,
+    `q05` is the mean IoU that only :data:`LOW_QUANTILE` of the sequences fall below.
     """
     rows = []
     for tracker, group in pairs.groupby("tracker", sort=False):
         row: dict[str, object] = {"tracker": tracker, "sequences": len(group), "failed": int(group["failed"].sum())}
         for metric in (*METRICS, "perturbed_iou"):
             row[metric] = _weighted_mean(group[metric].to_numpy(float), _weights(group, metric))
-        row["low"], row["high"] = bootstrap_interval(group["mean_iou"].to_numpy(float))
+        values = group["mean_iou"].dropna().to_numpy(float)
+        row["low"], row["high"] = bootstrap_interval(values)
+        row["q05"] = float(np.quantile(values, LOW_QUANTILE)) if values.size else float("nan")
         rows.append(row)
-    columns = ["tracker", "sequences", "failed", *METRICS, "perturbed_iou", "low", "high"]
+    columns = ["tracker", "sequences", "failed", *METRICS, "perturbed_iou", "low", "high", "q05"]
     table = pd.DataFrame(rows, columns=columns)
     return table.sort_values("mean_iou", ascending=False, kind="stable", ignore_index=True)
 
@@ -185,6 +198,50 @@ def per_attribute(pairs: pd.DataFrame, sequences: Iterable[Sequence], metric: st
     return wide.sort_values("sequences", ascending=False, kind="stable").reset_index()
 
 
+def per_theme(pairs: pd.DataFrame, sequences: Iterable[Sequence], chosen: str) -> pd.DataFrame:
+    """Compare the themes of a distribution suite.
+
+    Returns
+    -------
+    DataFrame
+        One row per theme, the one that the chosen tracker finds hardest first: number of `sequences`, mean IoU of
+        each tracker, and of the chosen one the `least` mean IoU of a sequence and the rates of `ok`. No row where no
+        sequence has a theme.
+    """
+    themes = {sequence.name: sequence.theme for sequence in sequences if sequence.theme}
+    known = pairs.assign(theme=pairs["sequence"].map(themes)).dropna(subset=["theme"])
+    rates = ("false_true", "false_false", "true_off")
+    rows = []
+    for theme, group in known.groupby("theme", sort=False):
+        own = group[group["tracker"] == chosen]
+        means = group.groupby("tracker", sort=False)["mean_iou"].mean().to_dict()
+        row = {"theme": theme, "sequences": group["sequence"].nunique(), **means, "least": own["mean_iou"].min()}
+        rows.append(row | {rate: _weighted_mean(own[rate].to_numpy(float), _weights(own, rate)) for rate in rates})
+    columns = ["theme", "sequences", *pairs["tracker"].unique(), "least", *rates]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.sort_values(chosen, kind="stable", ignore_index=True) if chosen in table else table
+
+
+def worst_sequences(pairs: pd.DataFrame, sequences: Iterable[Sequence], chosen: str, count: int = 10) -> pd.DataFrame:
+    """Find the sequences of a distribution suite on which the chosen tracker is worst.
+
+    Returns
+    -------
+    DataFrame
+        One row per sequence, the worst first: `sequence`, `mean_iou`, `best_other` (mean IoU of the best of the other
+        trackers) and one column per parameter of these draws, NaN where it does not apply.
+    """
+    drawn = {sequence.name: sequence for sequence in sequences if sequence.theme}
+    wide = pairs[pairs["sequence"].isin(drawn)].pivot(index="sequence", columns="tracker", values="mean_iou")
+    if chosen not in wide:
+        return pd.DataFrame(columns=["sequence", "mean_iou", "best_other"])
+    others = wide.drop(columns=[name for name in (chosen, "Oracle") if name in wide]).max(axis=1)
+    worst = wide[chosen].dropna().nsmallest(count)
+    table = pd.DataFrame({"mean_iou": worst, "best_other": others.reindex(worst.index)}).rename_axis("sequence")
+    parameters = pd.DataFrame([drawn[str(name)].parameters for name in worst.index], index=worst.index)
+    return table.join(parameters).reset_index()
+
+
 def curves(scored: Iterable[ScoredRun]) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Success and precision curve of each tracker from the exact start: mean over sequences, each counting once."""
     found: dict[str, dict[str, list[tuple[FloatArray, FloatArray]]]] = {}
@@ -213,6 +270,37 @@ def calibration(scored: Iterable[ScoredRun]) -> dict[str, pd.DataFrame]:
         For each tracker that gives a score: one row per tenth of it, with the mean `score`, the share of frames with
         the target really `located` (visible and IoU ≥ 0.5) and the number of `frames`.
     """
+    return {tracker: _reliability(values) for tracker, values in _believed(scored).items()}
+
+
+def score_quality(scored: Iterable[ScoredRun]) -> pd.DataFrame:
+    """How wrong a tracker's score is, in two numbers.
+
+    Returns
+    -------
+    DataFrame
+        Indexed by the trackers that give a score: `ece`, the expected calibration error, and `sure_wrong`, the share
+        of frames with a score of at least :data:`SURE` whose target is not located.
+    """
+    rows = {}
+    for tracker, (score, located) in _believed(scored).items():
+        wrong = (score >= SURE) & (located == 0)
+        error = calibration_error(_reliability(np.stack([score, located])))
+        rows[tracker] = {"ece": error, "sure_wrong": float(wrong.mean())}
+    return pd.DataFrame.from_dict(rows, orient="index", columns=["ece", "sure_wrong"])
+
+
+def calibration_error(table: pd.DataFrame) -> float:
+    """Expected calibration error of a table of :func:`calibration`.
+
+    Mean over the frames of the distance between the mean score of their tenth and the share located in it.
+    """
+    gaps = (table["score"] - table["located"]).abs()
+    return float(np.average(gaps, weights=table["frames"]))
+
+
+def _believed(scored: Iterable[ScoredRun]) -> dict[str, FloatArray]:
+    """Score of every judged frame and whether its target is located, shape (2, N), of each tracker with a score."""
     gathered: dict[str, list[FloatArray]] = {}
     for item in scored:
         score = item.run.trajectory.score[1:]
@@ -220,7 +308,7 @@ def calibration(scored: Iterable[ScoredRun]) -> dict[str, pd.DataFrame]:
         if judged.any():
             located = np.where(item.frames.visible, np.nan_to_num(item.frames.iou) >= 0.5, False)
             gathered.setdefault(item.run.tracker, []).append(np.stack([score[judged], located[judged]]))
-    return {tracker: _reliability(np.concatenate(parts, axis=1)) for tracker, parts in gathered.items()}
+    return {tracker: np.concatenate(parts, axis=1) for tracker, parts in gathered.items()}
 
 
 def _reliability(values: FloatArray) -> pd.DataFrame:

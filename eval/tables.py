@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,9 +20,12 @@ from .statistics import (
     overall,
     per_attribute,
     per_sequence,
+    per_theme,
     score_frames,
+    score_quality,
     score_table,
     speed_table,
+    worst_sequences,
 )
 
 __all__ = [
@@ -31,6 +35,8 @@ __all__ = [
     "overall_table",
     "speed_overall_text",
     "summarise_folder",
+    "theme_table",
+    "worst_table",
     "write_table",
     "write_tables",
 ]
@@ -49,7 +55,7 @@ class Summary:
         The suite or data set.
     sequences : list of Sequence
     scored : list of ScoredRun
-    scores, pairs, overall, attributes, differences, speed : DataFrame
+    scores, pairs, overall, attributes, differences, themes, worst, speed : DataFrame
         See :mod:`eval.statistics`.
     chosen : str
         The tracker that the differences are about.
@@ -63,6 +69,8 @@ class Summary:
     overall: pd.DataFrame
     attributes: pd.DataFrame
     differences: pd.DataFrame
+    themes: pd.DataFrame
+    worst: pd.DataFrame
     speed: pd.DataFrame
     chosen: str
 
@@ -91,7 +99,7 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
         raise ResultsError(f"no results in {folder.path} for the sequences of the last run")
     pairs = per_sequence(scores)
     speed = speed_table(folder.read_speeds())
-    table = _with_speed(overall(pairs), speed)
+    table = overall(pairs).join(score_quality(scored), on="tracker").join(_speed_by_tracker(speed), on="tracker")
     chosen = chosen if chosen in set(table["tracker"]) else str(table["tracker"].iloc[0])
     return Summary(
         source=folder.read_manifest()["source"],
@@ -102,13 +110,11 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
         overall=table,
         attributes=per_attribute(pairs, sequences),
         differences=differences(pairs, chosen),
+        themes=per_theme(pairs, sequences, chosen),
+        worst=worst_sequences(pairs, sequences, chosen),
         speed=speed,
         chosen=chosen,
     )
-
-
-def _with_speed(table: pd.DataFrame, speed: pd.DataFrame) -> pd.DataFrame:
-    return table.join(_speed_by_tracker(speed), on="tracker")
 
 
 def _speed_by_tracker(speed: pd.DataFrame) -> pd.DataFrame:
@@ -127,14 +133,21 @@ _EXTRA_TITLES = {
     "sequences": "n",
     "failed": "failed",
     "interval": "95 %",
+    "q05": "5 % quantile",
+    "ece": "ECE",
+    "sure_wrong": "sure, wrong",
     "perturbed_iou": "IoU, start ±10 %",
     "fps": "fps",
     "p95_ms": "p95 ms",
     "ratio": f"× {SPEED_RIVAL}",
     "least": "least ×",
 }
-_COLUMNS = ("mean_iou", "interval", "auc", "auc_otb", "sr50", "sr75", "precision20", "normalised_precision")
-_COLUMNS_AFTER = ("perturbed_iou", "false_true", "false_false", "failed", "fps", "p95_ms", "ratio", "least")
+_COLUMNS = ("mean_iou", "interval", "q05", "auc", "auc_otb", "sr50", "sr75", "precision20", "normalised_precision")
+_COLUMNS_AFTER = (
+    "perturbed_iou", "false_true", "false_false", "true_off", "sure_wrong", "ece", "failed", "fps", "p95_ms", "ratio",
+    "least",
+)  # fmt: skip
+_LONG_TEXT = 40
 _DIGITS = {"fps": 0, "p95_ms": 2, "ratio": 1, "least": 1, "failed": 0, "sequences": 0}
 
 
@@ -191,6 +204,39 @@ def attribute_table(summary: Summary) -> pd.DataFrame:
     return _as_text(summary.attributes[["attribute", "sequences", *best_first]])
 
 
+def theme_table(summary: Summary) -> pd.DataFrame:
+    """Means per theme as text, the best tracker first; the least and the rates of `ok` are the chosen one's."""
+    best_first = [name for name in summary.overall["tracker"] if name in summary.themes]
+    rates = ["false_true", "false_false", "true_off"]
+    titles = {"sequences": "n", **{rate: METRICS[rate].title for rate in rates}}
+    table = summary.themes.rename(columns={"least": "least IoU"})[
+        ["theme", "sequences", *best_first, "least IoU", *rates]
+    ]
+    return _as_text(table).rename(columns=titles)
+
+
+def worst_table(summary: Summary) -> pd.DataFrame:
+    """The worst draws as text: which, how bad, and what was drawn."""
+    table = summary.worst
+    drawn = table.drop(columns=["sequence", "mean_iou", "best_other", "theme"], errors="ignore")
+    texts = {
+        "sequence": table["sequence"],
+        "mean IoU": [format_cell(value) for value in table["mean_iou"]],
+        "best other": [format_cell(value) for value in table["best_other"]],
+        "drawn": [_drawn_text(row) for _, row in drawn.iterrows()],
+    }
+    return pd.DataFrame(texts)
+
+
+def _drawn_text(drawn: pd.Series[Any]) -> str:
+    """Parameters of a draw in one line."""
+    words = [
+        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in drawn.dropna().items()
+    ]
+    return ", ".join(words)
+
+
 def difference_table(summary: Summary) -> pd.DataFrame:
     """The chosen tracker against each other one, as text."""
     table = summary.differences
@@ -223,9 +269,10 @@ def console_table(table: pd.DataFrame, title: str, *, bold: str = "") -> Table:
     )
     for name in table.columns:
         cells = [str(cell) for cell in table[name]]
-        # Headings may wrap, numbers may not.
+        # Headings and long texts may wrap, numbers may not.
         words = any(cell[:1].isalpha() for cell in cells)
-        found.add_column(str(name), justify="left" if words else "right", min_width=max(map(len, cells), default=1))
+        width = min(max(map(len, cells), default=1), _LONG_TEXT)
+        found.add_column(str(name), justify="left" if words else "right", min_width=width)
     for row in table.itertuples(index=False):
         cells = [str(cell) for cell in row]
         found.add_row(*cells, style="bold" if cells[0] == bold else "")
@@ -251,6 +298,8 @@ def write_tables(summary: Summary, folder: Path) -> list[Path]:
         "overall": summary.overall,
         "attributes": summary.attributes,
         "differences": summary.differences,
+        "themes": summary.themes,
+        "worst": summary.worst,
         "speed": summary.speed,
     }
     shown = {
@@ -258,6 +307,8 @@ def write_tables(summary: Summary, folder: Path) -> list[Path]:
         "sequences": sequence_table(summary),
         "attributes": attribute_table(summary),
     }
+    if len(summary.themes):
+        shown |= {"themes": theme_table(summary), "worst": worst_table(summary)}
     files = [_write(folder / f"{name}.csv", table.to_csv(index=False)) for name, table in full.items()]
     return files + [file for name, table in shown.items() for file in write_table(table, name, folder)]
 

@@ -16,6 +16,7 @@ import cv2
 from ..options import Out, Suite
 from ..progress import Steps, make_console
 from ..results import FlowResult
+from ..sequences import canonical_suite, suite_folder
 from .data import FlowPair, dataset_pairs, suite_pairs
 from .methods import FLOW_METHODS, flow_method
 from .picture import flow_to_color, largest_flow
@@ -133,13 +134,14 @@ def main_flow(
 
     if suite is None and dataset is None:
         suite = "standard"
+    suite = suite and canonical_suite(suite)
     names = tuple(dict.fromkeys(methods)) or tuple(FLOW_METHODS)
     for name in names:
         flow_method(name)  # an unknown name must not cost the rendering of a suite
     console = make_console()
     with console.status("loading the pairs"):
         material = list(collect_pairs(suite, dataset, pairs))
-    folder = out / (suite or str(dataset).partition(":")[0])
+    folder = out / (suite_folder(suite) if suite else str(dataset).partition(":")[0])
     results = _with_progress(console, material, names, folder, RunOptions(repeats=repeats, timeout=timeout))
     table = results_frame(results)
     files = [*save_tables(table, folder), *save_plots(table, folder)]

@@ -205,7 +205,7 @@ def suite_pairs(suite: str, count: int) -> Iterator[FlowPair]:
     Parameters
     ----------
     suite : str
-        Name in ``datasets_synthetic.SUITES``.
+        As ``datasets_synthetic.suite`` takes it.
     count : int
         Pairs per sequence, spread over its length.
 
@@ -221,12 +221,10 @@ def suite_pairs(suite: str, count: int) -> Iterator[FlowPair]:
     """
     from joblib import Parallel, delayed
 
-    from datasets_synthetic import SUITES
+    from datasets_synthetic import suite as specs_of
 
-    if suite not in SUITES:
-        raise ValueError(f"unknown suite {suite!r}; known: {', '.join(SUITES)}")
     jobs = Parallel(n_jobs=2, return_as="generator")
-    for pairs in jobs(delayed(_sequence_pairs)(spec, count) for spec in SUITES[suite]):
+    for pairs in jobs(delayed(_sequence_pairs)(spec, count) for spec in specs_of(suite)):
         yield from pairs
 
 

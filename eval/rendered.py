@@ -1,0 +1,127 @@
+"""Frames of drawn sequences, painted when somebody asks for them and kept in a folder of limited size.
+
+A suite of 300 sequences is five gigabytes of frames, of which few are needed at a time: the truth is known without
+them, and what has been run needs none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from datasets_synthetic import SequenceSpec
+
+__all__ = ["digest_of", "frames_of", "kept_frames"]
+
+_DAYS = 2.0
+_GIGABYTES = 3.0
+_RENDERING = threading.Lock()
+
+
+@lru_cache(maxsize=1)
+def _renderer_version() -> str:
+    """Hash of all that the pixels depend on beside the spec."""
+    digest = hashlib.sha256(f"{cv2.__version__} {np.__version__}".encode())
+    found = find_spec("datasets_synthetic")
+    for root in (found.submodule_search_locations or ()) if found else ():
+        for path in sorted(Path(root).rglob("*.py")):
+            digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def digest_of(spec: SequenceSpec) -> str:
+    """Hash of a sequence, frames and truth, as 16 hex digits; known before they are rendered."""
+    return hashlib.sha256(f"{spec.digest()} {_renderer_version()}".encode()).hexdigest()[:16]
+
+
+def frames_of(suite: str, index: int, digest: str) -> NDArray[np.uint8]:
+    """Frames of one sequence of a suite, from the kept ones or rendered now.
+
+    Parameters
+    ----------
+    suite : str
+        As ``datasets_synthetic.suite`` takes it.
+    index : int
+        Of the sequence in the suite.
+    digest : str
+        What :func:`digest_of` said of it.
+
+    Returns
+    -------
+    ndarray, shape (T, H, W) or (T, H, W, 3), uint8
+        Mapped from the disk where they were kept.
+
+    Raises
+    ------
+    ValueError
+        If the sequence is not the one that the digest was taken of, since the laboratory has changed.
+    """
+    kept = kept_frames() / f"{digest}.npy"
+    # One at a time: threads that follow the same sequence side by side want it rendered once.
+    with _RENDERING:
+        with suppress(OSError):
+            os.utime(kept)
+            frames: NDArray[np.uint8] = np.load(kept, mmap_mode="r")
+            return frames
+        frames = _render(suite, index, digest)
+        _keep(frames, kept)
+    return frames
+
+
+def _render(suite: str, index: int, digest: str) -> NDArray[np.uint8]:
+    from datasets_synthetic import render
+    from datasets_synthetic import suite as specs_of
+
+    spec = specs_of(suite)[index]
+    if digest_of(spec) != digest:
+        raise ValueError(f"{suite}: the laboratory draws {spec.name} otherwise than it did; run again")
+    return render(spec).frames
+
+
+def _keep(frames: NDArray[np.uint8], kept: Path) -> None:
+    """Write next to the place and move there in one step; where there is no room nothing is kept."""
+    with suppress(OSError):
+        with tempfile.NamedTemporaryFile(dir=kept.parent, suffix=".part", delete=False) as scratch:
+            part = Path(scratch.name)
+            try:
+                np.save(scratch, frames)
+                scratch.close()
+                part.replace(kept)
+            finally:
+                part.unlink(missing_ok=True)
+        _trim(kept)
+
+
+def _trim(kept: Path) -> None:
+    """Remove what has not been used for days, and the oldest until the rest fits; never what was just written."""
+    files = []
+    for path in kept.parent.iterdir():
+        with suppress(OSError):
+            files.append((path.stat().st_mtime, path.stat().st_size, path))
+    room = _GIGABYTES * 2**30
+    for used, size, path in sorted(files, reverse=True):
+        room -= size
+        if path != kept and (room < 0 or time.time() - used > _DAYS * 86400.0):
+            with suppress(OSError):
+                path.unlink()
+
+
+def kept_frames() -> Path:
+    """Folder of the kept frames; made when missing."""
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    folder = Path(tempfile.gettempdir()) / f"hs_tracker_cv-frames-{user}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    return folder
