@@ -1,0 +1,209 @@
+"""What a run writes: overlay video, table of boxes, panels, JSON lines; and what of it has been written."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, TextIO, cast
+
+from ..display import draw_box
+from ..following import Step, write_header, write_row
+from ..video import IMAGE_SUFFIXES, VideoError, VideoSink, VideoSource
+from .options import Options, UsageError
+from .panels import Panels, labels
+
+__all__ = ["Outputs"]
+
+
+class Outputs:
+    """The files of one run. Nothing is made before the first frame but the table.
+
+    Parameters
+    ----------
+    source : VideoSource
+    options : Options
+
+    Raises
+    ------
+    UsageError
+        If two outputs are one file, or one is the input.
+    VideoError
+        If a video cannot be written under its name.
+    """
+
+    def __init__(self, source: VideoSource, options: Options) -> None:
+        video = options.out if options.out is not None else Path(f"{source.name}.hs.webm")
+        table = options.csv if options.csv is not None else Path(f"{source.name}.hs.csv")
+        panels = video.with_name(f"{video.stem}.panels{video.suffix}")
+        _check(options.video, [video, table, panels] if options.panels else [video, table])
+        self._overlay = VideoSink(video, source.fps)
+        self._table = _Table(table)
+        self._panels = VideoSink(panels, source.fps) if options.panels else None
+        self._drawn = Panels(options.stages)
+        self._json = options.json
+        self._stack = ExitStack()
+        self._failed: set[Path] = set()
+
+    def __enter__(self) -> Outputs:
+        """Begin the table."""
+        with ExitStack() as stack:
+            stack.callback(self._close)
+            self._table.open()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish every file, whatever goes wrong with another."""
+        self._stack.close()
+
+    def write(self, step: Step) -> None:
+        """Write a step to every output: the row first, so that a run that is killed has it.
+
+        Raises
+        ------
+        VideoError
+            If an output cannot be written.
+        BrokenPipeError
+            If nobody reads standard output any more.
+        """
+        self._table.write(step)
+        if self._json:
+            _print_line(json.dumps(_plain(step)))
+        self._send(self._overlay, draw_box(step.frame, step.box, **labels(step)))
+        if self._panels is not None:
+            self._send(self._panels, self._drawn.draw(step))
+
+    def _send(self, sink: VideoSink, picture: Any) -> None:
+        try:
+            sink.write(picture)
+        except VideoError:
+            self._failed.add(sink.path)
+            raise
+
+    def _close(self) -> None:
+        with ExitStack() as stack:
+            for sink in (self._overlay, self._panels):
+                if sink is not None:
+                    stack.callback(self._finish, sink)
+            stack.callback(self._table.close)
+
+    def _finish(self, sink: VideoSink) -> None:
+        try:
+            sink.close()
+        except VideoError:
+            self._failed.add(sink.path)
+            raise
+
+    @property
+    def written(self) -> list[Path]:
+        """Files that this run has written, whole as far as it went."""
+        outputs = (self._overlay, self._table, self._panels)
+        made = [output.path for output in outputs if output is not None and output.count > 0]
+        return [path for path in made if path not in self._failed]
+
+
+class _Table:
+    """The CSV, in which every row is whole: what of a row is on a full disk is taken back."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.count = 0
+        self._file: BinaryIO | None = None
+
+    def open(self) -> None:
+        """Make the file and write the names of the columns; raises VideoError."""
+        try:
+            self._file = self.path.open("wb", buffering=0)
+        except OSError as error:
+            raise VideoError(f"{self.path}: cannot be written ({error.strerror})") from error
+        write_header(cast(TextIO, _Whole(self._file, self.path)))
+
+    def write(self, step: Step) -> None:
+        """Append a row; raises VideoError."""
+        assert self._file is not None
+        write_row(cast(TextIO, _Whole(self._file, self.path)), step)
+        self.count += 1
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
+
+class _Whole:
+    """What of a text stream a CSV writer needs: each piece is on the disk at once and as a whole, or not at all."""
+
+    def __init__(self, file: BinaryIO, path: Path) -> None:
+        self._file, self._path = file, path
+
+    def write(self, text: str) -> int:
+        data = text.encode()
+        regular = stat.S_ISREG(os.fstat(self._file.fileno()).st_mode)
+        begin = self._file.seek(0, os.SEEK_END) if regular else 0
+        done = 0
+        try:
+            while done < len(data):
+                done += self._file.write(data[done:])
+        except OSError as error:
+            if regular:
+                self._file.truncate(begin)
+            raise VideoError(f"{self._path}: cannot be written ({error.strerror})") from error
+        return len(text)
+
+    def flush(self) -> None:
+        pass
+
+
+def _print_line(line: str) -> None:
+    try:
+        print(line, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise VideoError(f"standard output: cannot be written ({error.strerror})") from error
+
+
+def _plain(step: Step) -> dict[str, Any]:
+    box = None if step.box is None else [round(side, 2) for side in step.box]
+    return {
+        "frame": step.index,
+        "box": box,
+        "ok": box is not None,
+        "score": round(step.score, 3),
+        "state": step.state,
+    }
+
+
+def _check(video: str, targets: list[Path]) -> None:
+    """Refuse to write two outputs to one file, or over what is read."""
+    source = Path(video)
+    seen: dict[str, Path] = {}
+    for path in targets:
+        frame = path.suffix.lower() in IMAGE_SUFFIXES and path.exists() and _same(path.parent, source)
+        if frame or _same(path, source):
+            raise UsageError(f"{path}: would overwrite the input")
+        place = _place(path)
+        if place in seen or any(_same(path, other) for other in seen.values()):
+            raise UsageError(f"{path}: is named for two outputs")
+        seen[place] = path
+
+
+def _same(one: Path, two: Path) -> bool:
+    """Whether two names are one file that exists."""
+    try:
+        return one.samefile(two)
+    except (OSError, ValueError):
+        return False
+
+
+def _place(path: Path) -> str:
+    """The file that a name stands for, whether or not there is one; case is no difference where it mostly is none."""
+    place = os.path.realpath(path)
+    return place.casefold() if sys.platform in {"darwin", "win32"} else place
