@@ -7,7 +7,7 @@ of the library. A part that is no longer where it was raises, so that no row of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ from .statistics import differences
 from .tables import Summary, format_cell
 from .trackers import TrackerSpec
 
-__all__ = ["ABLATIONS", "WHOLE", "Ablation", "Cut", "ablated", "ablation_table", "specs"]
+__all__ = ["ABLATIONS", "WHOLE", "Ablation", "Cut", "ablated", "ablation_changes", "ablation_table", "specs"]
 
 WHOLE = "whole"
 """Name of the tracker from which nothing is taken."""
@@ -103,22 +103,67 @@ def specs(names: tuple[str, ...] = ()) -> list[TrackerSpec]:
     return [TrackerSpec(name, f"{__name__}:ablated", params={"without": name}, sources=_SOURCES) for name in chosen]
 
 
-def ablation_table(summary: Summary) -> pd.DataFrame:
-    """What each part is worth, as text: the mean without it, the change with its interval, and who pays most."""
-    wide = summary.pairs.pivot(index="sequence", columns="tracker", values="mean_iou")
-    changes = differences(summary.pairs, WHOLE).set_index("other")
-    means = summary.overall.set_index("tracker")["mean_iou"]
-    rows = [("", WHOLE, format_cell(means[WHOLE]), "", "", "")]
+def ablation_changes(summaries: Mapping[str, Summary]) -> pd.DataFrame:
+    """What each part is worth on each kind of data.
+
+    Parameters
+    ----------
+    summaries : mapping of str to Summary
+        One per kind, of runs of :func:`specs`.
+
+    Returns
+    -------
+    DataFrame
+        One row per part and kind: `part`, `kind`, number of `sequences`, `mean_iou` without the part, its `change`
+        against the whole, and the interval of the change, `low` to `high`.
+    """
+    rows = []
+    for kind, summary in summaries.items():
+        changes = differences(summary.pairs, WHOLE).set_index("other")
+        for tracker, count, mean in summary.overall[["tracker", "sequences", "mean_iou"]].itertuples(index=False):
+            row = {"part": tracker, "kind": kind, "sequences": count, "mean_iou": mean}
+            if tracker in changes.index:
+                # How the mean changes without the part: the opposite of what the whole is better by.
+                better = changes.loc[tracker]
+                row |= {
+                    "change": 0.0 - better["difference"],
+                    "low": 0.0 - better["high"],
+                    "high": 0.0 - better["low"],
+                }
+            rows.append(row)
+    return pd.DataFrame(rows, columns=["part", "kind", "sequences", "mean_iou", "change", "low", "high"])
+
+
+def ablation_table(summaries: Mapping[str, Summary]) -> pd.DataFrame:
+    """What each part is worth, as text: the mean of the whole, then changes with their intervals, a column per kind.
+
+    A part pays on a kind if the mean falls without it, the whole interval below zero.
+    """
+    rows = ablation_changes(summaries).to_dict("records")
+    found = {(str(row["part"]), str(row["kind"])): row for row in rows}
+    lines = [["", WHOLE, *(format_cell(found[WHOLE, kind]["mean_iou"]) for kind in summaries), "", ""]]
     for name, part in ABLATIONS.items():
-        if name not in changes.index:
-            continue
-        row, gaps = changes.loc[name], (wide[name] - wide[WHOLE]).dropna().sort_values()
-        worst = ", ".join(f"{sequence} {gap:+.2f}" for sequence, gap in gaps.head(3).items() if gap < -0.02)
-        best = ", ".join(f"{sequence} {gap:+.2f}" for sequence, gap in gaps[::-1].head(2).items() if gap > 0.02)
-        interval = f"{-row['high']:+.3f} to {-row['low']:+.3f}"
-        cost = "; ".join(text for text in (worst, best) if text)
-        rows.append((part.group, part.title, format_cell(means[name]), f"{-row['difference']:+.3f}", interval, cost))
-    return pd.DataFrame(rows, columns=["room", "off or replaced", "mean IoU", "change", "95 %", "where"])
+        own = {kind: found[name, kind] for kind in summaries if (name, kind) in found}
+        if own:
+            cells = [_change_text(own[kind]) if kind in own else "–" for kind in summaries]
+            pays = ", ".join(kind for kind, row in own.items() if row["high"] < 0) or "–"
+            lines.append([part.group, part.title, *cells, pays, _where(summaries, name)])
+    kinds = [f"{kind} ({len(summary.sequences)})" for kind, summary in summaries.items()]
+    return pd.DataFrame(lines, columns=["room", "off or replaced", *kinds, "pays on", "where"])
+
+
+def _change_text(row: Mapping[Any, Any]) -> str:
+    return f"{row['change']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})"
+
+
+def _where(summaries: Mapping[str, Summary], part: str) -> str:
+    """Sequences that lose most without the part, and those that gain most."""
+    pairs = pd.concat([summary.pairs for summary in summaries.values()])
+    wide = pairs.pivot(index="sequence", columns="tracker", values="mean_iou")
+    gaps = (wide[part] - wide[WHOLE]).dropna().sort_values()
+    worst = ", ".join(f"{sequence} {gap:+.2f}" for sequence, gap in gaps.head(3).items() if gap < -0.02)
+    best = ", ".join(f"{sequence} {gap:+.2f}" for sequence, gap in gaps[::-1].head(2).items() if gap > 0.02)
+    return "; ".join(text for text in (worst, best) if text)
 
 
 # --- the surgery -------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pandas as pd
 from . import ablation, regression
 from .accuracy import make_jobs, run_jobs
 from .datasets import load_dataset
-from .options import Dataset, Jobs, Only, Out, Paths, Suite, SuiteName, Trackers
+from .options import Dataset, Datasets, Jobs, Only, Out, Paths, Suite, SuiteName, Suites, Trackers, listed
 from .process import Limits
 from .progress import Steps, make_console
 from .report import write_report
@@ -29,6 +29,7 @@ from .tables import (
     summarise_folder,
     theme_table,
     worst_table,
+    write_numbers,
     write_table,
     write_tables,
 )
@@ -163,31 +164,50 @@ def bench(*, suite: SuiteName = "standard", jobs: Jobs = 2, repeats: int = 1, ou
 
 def ablate(
     *,
-    suite: Suite = None,
-    dataset: Dataset = None,
+    suite: Suites = (),
+    dataset: Datasets = (),
     parts: tuple[str, ...] = (),
     sequences: Only = (),
+    frames: int | None = None,
     jobs: Jobs = 2,
     out: Out = Path("results"),
 ) -> None:
     """What each part of TrackerHS is worth: mean IoU with one part taken out, or with another flow in it.
 
+    Of several kinds of data the table has a column each; without any, sixty fresh draws and `vanish`.
+
     Parameters
     ----------
     parts
         Only these, by their names in eval/ablation.py.
+    sequences
+        Of the data sets, if there are any; suites beside them are taken whole.
+    frames
+        Only the first so many of each sequence of the data sets.
     """
     specs = ablation.specs(parts)
-    folder, found = _open(out, suite, dataset, sequences, kind="ablation-")
-    _run_with_progress(specs, found, folder, jobs, Limits(900.0), 0, False)
-    summary = summarise_folder(folder, chosen=ablation.WHOLE, trackers=[spec.name for spec in specs])
-    write_tables(summary, folder.path / "tables")
-    table = ablation.ablation_table(summary)
-    write_table(table, "ablation", folder.path / "tables")
-    _console.print(console_table(table, f"ablation on {summary.source}"))
-    failures = failure_table(summary)
-    if len(failures):
-        _console.print(console_table(failures, "runs that did not go through"))
+    if not suite and not dataset:
+        suite = _ABLATION_SUITES
+    # What cannot be read is said before anything is run.
+    opened = [_open(out, name, None, () if dataset else sequences, kind="ablation-") for name in suite]
+    opened += [_open(out, None, name, sequences, frames=frames, kind="ablation-") for name in dataset]
+    summaries = {}
+    for folder, found in opened:
+        _run_with_progress(specs, found, folder, jobs, Limits(900.0), 0, False)
+        summary = summarise_folder(folder, chosen=ablation.WHOLE, trackers=[spec.name for spec in specs])
+        write_tables(summary, folder.path / "tables")
+        summaries[folder.path.name.removeprefix("ablation-")] = summary
+    table = ablation.ablation_table(summaries)
+    write_table(table, "ablation", out / "ablation")
+    write_numbers(ablation.ablation_changes(summaries), "ablation", out / "ablation")
+    _console.print(console_table(table, f"ablation on {', '.join(summary.source for summary in summaries.values())}"))
+    for summary in summaries.values():
+        failures = failure_table(summary)
+        if len(failures):
+            _console.print(console_table(failures, f"runs on {summary.source} that did not go through"))
+
+
+_ABLATION_SUITES = ("drawn:60:clock", "vanish")
 
 
 def check(*, suite: SuiteName = "smoke", tracker: str = "TrackerHS", jobs: Jobs = 2, update: bool = False) -> int:
@@ -221,6 +241,7 @@ def _load(
 ) -> tuple[str, list[Sequence]]:
     if suite and dataset:
         raise SequenceError("expected --suite or --dataset, got both")
+    only = listed(only)
     name = canonical_suite(suite or "standard")
     if suite not in (None, name):
         _console.print(f"seed of the clock: the same sequences again are --suite {name}", highlight=False)

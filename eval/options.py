@@ -7,16 +7,38 @@ from typing import Annotated
 
 import tyro
 
-__all__ = ["Dataset", "Jobs", "Only", "Out", "Paths", "Suite", "SuiteName", "Trackers"]
+__all__ = [
+    "Dataset", "Datasets", "Jobs", "Only", "Out", "Paths", "Suite", "SuiteName", "Suites", "Trackers", "listed",
+]  # fmt: skip
 
 _SUITE = "Synthetic suite, drawn:N:SEED or drawn/THEME:N:SEED (SEED may be clock)"
 SuiteName = Annotated[str, tyro.conf.arg(help=f"{_SUITE}.")]
 Suite = Annotated[str | None, tyro.conf.arg(help=f'{_SUITE}; "standard" when no data set is given.')]
-Dataset = Annotated[str | None, tyro.conf.arg(help="otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE.")]
+_DATASET = "otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE"
+Dataset = Annotated[str | None, tyro.conf.arg(help=f"{_DATASET}.")]
 Trackers = Annotated[tuple[str, ...], tyro.conf.arg(help="Names, or pkg.module:factory.")]
-Only = Annotated[tuple[str, ...], tyro.conf.arg(help="Only these sequences.")]
+Suites = Annotated[tuple[str, ...], tyro.conf.arg(help=f"{_SUITE}; any number.")]
+Datasets = Annotated[tuple[str, ...], tyro.conf.arg(help=f"{_DATASET}; any number.")]
+Only = Annotated[
+    tuple[str, ...], tyro.conf.arg(help="Only these sequences; @FILE: the names in a file, a line each.")
+]
 Jobs = Annotated[int, tyro.conf.arg(help="Processes at a time; time is measured with one whatever this says.")]
 Paths = Annotated[
     tuple[str, ...], tyro.conf.arg(help="Files and folders that trackers may use besides their own code: weights.")
 ]
 Out = Annotated[Path, tyro.conf.arg(help="Folder of all results; each suite or data set has one of its own in it.")]
+
+
+def listed(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names, with those of the files in the place of ``@FILE``; lines that are empty or begin with # say nothing.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    """
+    found: list[str] = []
+    for name in names:
+        lines = Path(name[1:]).read_text(encoding="utf-8").splitlines() if name.startswith("@") else [name]
+        found += [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    return tuple(found)

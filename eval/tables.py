@@ -37,6 +37,7 @@ __all__ = [
     "summarise_folder",
     "theme_table",
     "worst_table",
+    "write_numbers",
     "write_table",
     "write_tables",
 ]
@@ -309,8 +310,19 @@ def write_tables(summary: Summary, folder: Path) -> list[Path]:
     }
     if len(summary.themes):
         shown |= {"themes": theme_table(summary), "worst": worst_table(summary)}
-    files = [_write(folder / f"{name}.csv", table.to_csv(index=False)) for name, table in full.items()]
+    files = [write_numbers(table, name, folder) for name, table in full.items()]
     return files + [file for name, table in shown.items() for file in write_table(table, name, folder)]
+
+
+def write_numbers(table: pd.DataFrame, name: str, folder: Path) -> Path:
+    """Write a table of numbers as CSV, in full precision, into a folder; returns the file.
+
+    Raises
+    ------
+    ResultsError
+        If it cannot be written.
+    """
+    return _write(folder / f"{name}.csv", table.to_csv(index=False))
 
 
 def write_table(table: pd.DataFrame, name: str, folder: Path) -> list[Path]:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
+from datasets_synthetic import SUITES, render
+from datasets_synthetic.export import write_otb
 from eval.__main__ import main
-from eval.ablation import ABLATIONS, WHOLE, Cut, ablated, specs
+from eval.ablation import ABLATIONS, WHOLE, Cut, ablated, ablation_changes, ablation_table, specs
+from eval.tables import Summary
 from hs_tracker_cv import TrackerHS_create
 
 CUTS = [pytest.param(cut, id=f"{name}-{cut.module}") for name, part in ABLATIONS.items() for cut in part.cuts]
@@ -108,11 +114,70 @@ def test_unknown_parts_are_named() -> None:
         ablated("no-brain")
 
 
-def test_the_command_prints_and_stores_a_table(tmp_path: Any, capfd: pytest.CaptureFixture[str]) -> None:
-    """One part on one sequence: a row for the whole, one for the part, and the files of the table."""
-    arguments = ["ablate", "--suite", "smoke", "--sequences", "smoke_move", "--parts", "layers-only"]
-    assert main([*arguments, "--out", str(tmp_path)]) == 0
-    table = (tmp_path / "ablation-smoke" / "tables" / "ablation.md").read_text(encoding="utf-8")
-    assert "whole" in table
+def summary_of(kind: str, ious: dict[str, list[float]]) -> Summary:
+    """Means of a whole tracker and of ablated ones on some sequences of a kind."""
+    rows = [
+        {"tracker": tracker, "sequence": f"{kind}_{number}", "mean_iou": value, "failed": 0}
+        for tracker, values in ious.items()
+        for number, value in enumerate(values)
+    ]
+    pairs = pd.DataFrame(rows).reindex(columns=["tracker", "sequence", "mean_iou", "failed"])
+    means = pairs.groupby("tracker", sort=False)["mean_iou"].agg(sequences="size", mean_iou="mean").reset_index()
+    empty = pd.DataFrame()
+    sequences: list[Any] = [None] * len(ious[WHOLE])
+    return Summary(kind, sequences, [], empty, pairs, means, empty, empty, empty, empty, empty, WHOLE)
+
+
+def test_a_part_pays_where_the_whole_interval_is_below_zero() -> None:
+    """A column per kind; what pays on one of them is said, what pays on none has a dash."""
+    first = {WHOLE: [0.9, 0.8, 0.9], "no-keys": [0.7, 0.7, 0.8], "no-edge": [0.9, 0.85, 0.88], "no-gain": [0.9] * 3}
+    second = {WHOLE: [0.5, 0.6], "no-keys": [0.6, 0.6], "no-edge": [0.5, 0.6]}
+    table = ablation_table({"drawn-7": summary_of("a", first), "vanish": summary_of("b", second)})
+    assert list(table.columns) == ["room", "off or replaced", "drawn-7 (3)", "vanish (2)", "pays on", "where"]
+    rows = table.set_index("off or replaced")
+    assert list(rows.loc[WHOLE])[1:3] == ["0.867", "0.550"]
+    keys = rows.loc[ABLATIONS["no-keys"].title]
+    assert keys["drawn-7 (3)"].startswith("-0.133 (-0.200 to -0.100)")
+    assert keys["vanish (2)"].startswith("+0.050 (+0.000 to +0.100)")
+    assert keys["pays on"] == "drawn-7"
+    assert keys["where"] == "a_0 -0.20, a_1 -0.10, a_2 -0.10; b_0 +0.10"
+    assert rows.loc[ABLATIONS["no-edge"].title, "pays on"] == "–"
+    assert rows.loc[ABLATIONS["no-gain"].title, "vanish (2)"] == "–"
+    assert len(table) == 4
+
+
+def test_the_numbers_of_the_table_have_a_row_per_part_and_kind() -> None:
+    """Long form, to be computed with."""
+    first = {WHOLE: [0.9, 0.8], "no-keys": [0.7, 0.7]}
+    numbers = ablation_changes({"drawn-7": summary_of("a", first), "vanish": summary_of("b", first)})
+    row = numbers.set_index(["part", "kind"]).loc[("no-keys", "vanish")]
+    assert row["change"] == pytest.approx(-0.15)
+    assert row["low"] == pytest.approx(-0.2)
+    assert row["high"] == pytest.approx(-0.1)
+    assert row["sequences"] == 2
+
+
+def test_the_command_prints_and_stores_a_table_with_a_column_per_kind(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """One part on a suite and on a listed sequence of a data set: rows for the whole and the part, and the files."""
+    spec = replace(SUITES["smoke"][0], frames=12)
+    for name in ("first", "second"):
+        write_otb(render(replace(spec, name=name)), tmp_path / "real")
+    (tmp_path / "names.txt").write_text("# chosen\nsecond\n\n", encoding="utf-8")
+    arguments = ["ablate", "--suite", "drawn/small:1:4", "--dataset", f"otb:{tmp_path / 'real'}"]
+    arguments += ["--sequences", f"@{tmp_path / 'names.txt'}", "--frames", "6", "--parts", "layers-only"]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    table = (tmp_path / "out" / "ablation" / "ablation.md").read_text(encoding="utf-8")
+    assert "drawn-small-4 (1)" in table
+    assert "otb-real (1)" in table
     assert "segmentation always" in table
     assert "segmentation always" in capfd.readouterr().out
+    numbers = pd.read_csv(tmp_path / "out" / "ablation" / "ablation.csv")
+    assert set(numbers["part"]) == {WHOLE, "layers-only"}
+
+
+def test_a_list_of_names_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The file is named."""
+    assert main(["run", "--suite", "smoke", "--sequences", f"@{tmp_path / 'nothing.txt'}"]) == 1
+    assert "nothing.txt" in capsys.readouterr().err
