@@ -26,6 +26,7 @@ __all__ = [
     "PANELS",
     "FlowFields",
     "draw_box",
+    "draw_boxes",
     "draw_layers",
     "draw_panel",
     "flow_colours",
@@ -170,6 +171,37 @@ def draw_box(
     return picture
 
 
+@fixed_errstate
+def draw_boxes(
+    image: Any, boxes: Sequence[tuple[Box, Colour, str]], *, notes: Sequence[tuple[str, Colour]] = ()
+) -> Picture:
+    """Copy of a frame with several boxes drawn on it.
+
+    Parameters
+    ----------
+    image : ndarray
+        Any frame that ``TrackerHS`` takes.
+    boxes : sequence of (Box, colour, str)
+        Box in px, colour as (blue, green, red), and what is written above it.
+    notes : sequence of (str, colour)
+        Written in the top left corner, below one another.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), uint8
+    """
+    picture = _as_bgr(image)
+    line = max(1, round(min(picture.shape[:2]) / 280))
+    for box, colour, words in boxes:
+        _draw_rectangle(picture, box, colour, line, 1.0)
+        if words:
+            _plate(picture, words, (box.x, box.y - 3 * line), colour, anchor="above")
+    y = 6.0 * line
+    for words, colour in notes:
+        y += _plate(picture, words, (6 * line, y), colour, anchor="below")
+    return picture
+
+
 def _as_bgr(image: Any) -> Picture:
     frame = as_frame(image)
     pixels = frame.pixels
@@ -191,8 +223,8 @@ def _draw_rectangle(picture: Picture, box: Box, colour: Colour, line: int, scale
     cv2.rectangle(picture, (left, top), (right, bottom), colour, line, cv2.LINE_AA, shift)
 
 
-def _plate(picture: Picture, words: str, at: tuple[float, float], colour: Colour, *, anchor: str) -> None:
-    """Write on a dark plate above or below a point, kept inside the picture."""
+def _plate(picture: Picture, words: str, at: tuple[float, float], colour: Colour, *, anchor: str) -> int:
+    """Write on a dark plate above or below a point, kept inside the picture; returns the plate's height."""
     height, width = picture.shape[:2]
     size = min(max(min(height, width) / 700, 0.38), 1.2)
     (text_width, text_height), base = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, size, 1)
@@ -206,6 +238,7 @@ def _plate(picture: Picture, words: str, at: tuple[float, float], colour: Colour
     cv2.putText(
         picture, words, (x + pad, y + pad + text_height), cv2.FONT_HERSHEY_DUPLEX, size, colour, 1, cv2.LINE_AA
     )
+    return plate_height
 
 
 def nice_scale(values: NDArray[Any], *, floor: float) -> float:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import os
 import queue
+import re
 import shutil
 import socket
 import subprocess
@@ -24,7 +26,7 @@ from numpy.typing import NDArray
 
 from hs_tracker_cv import app
 from hs_tracker_cv.geometry import Box, iou
-from hs_tracker_cv.video import VideoError, VideoSink
+from hs_tracker_cv.video import VideoError, VideoSink, open_source
 
 CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
 FLAGS = [
@@ -36,6 +38,9 @@ FLAGS = [
     "--no-first-run",
     "--disable-quic",
 ]
+ROOT = Path(__file__).resolve().parents[1]
+COUNT = 40
+"""Frames of the video."""
 PATIENCE = 60_000
 """Milliseconds a page may take: the machine may be busy."""
 
@@ -53,7 +58,7 @@ def _frames(count: int) -> tuple[list[NDArray[np.uint8]], list[Box]]:
     return frames, boxes
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """A headless Chromium, or a skip where there is none."""
     if not Path(CHROMIUM).exists():
@@ -99,9 +104,9 @@ def _is_free(address: str) -> bool:
 
 
 def _drag(page: Any, start: tuple[int, int], end: tuple[int, int]) -> None:
-    image = page.locator("#frame img").first
+    image = page.locator("[data-part=frame] img").first
     image.wait_for(timeout=PATIENCE)
-    page.wait_for_function("document.querySelector('#frame img').naturalWidth > 0", timeout=PATIENCE)
+    page.wait_for_function("document.querySelector('[data-part=frame] img').naturalWidth > 0", timeout=PATIENCE)
     place, natural = image.bounding_box(), image.evaluate("image => image.naturalWidth")
     scale = place["width"] / natural
     page.mouse.move(place["x"] + start[0] * scale, place["y"] + start[1] * scale)
@@ -134,7 +139,7 @@ def test_the_dragged_box_is_the_answer(
     address = opened.get(timeout=PATIENCE / 1000)
     page = _visit(browser, address)
     _drag(page, start, end)
-    page.locator("#accept:not([disabled])").click(timeout=PATIENCE)
+    page.locator("[data-part=accept]:not([disabled])").click(timeout=PATIENCE)
     thread.join(PATIENCE / 1000)
     left, right = sorted((start[0], end[0]))
     top, bottom = sorted((start[1], end[1]))
@@ -164,86 +169,343 @@ def _live(*arguments: str) -> Iterator[tuple[str, psutil.Process]]:
         process.communicate()
 
 
-@pytest.fixture
-def square(tmp_path: Path) -> Path:
-    """A video of a square that moves to the right."""
-    path = tmp_path / "square.mkv"
+@pytest.fixture(scope="module")
+def square(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A video of a square that moves 2 px to the right per frame, in a folder of its own."""
+    path = tmp_path_factory.mktemp("videos") / "square.mkv"
     with VideoSink(path, 25.0) as sink:
-        for frame in _frames(14)[0]:
+        for frame in _frames(COUNT)[0]:
             sink.write(frame)
     return path
 
 
+@pytest.fixture(scope="module")
+def served(square: Path) -> Iterator[tuple[str, psutil.Process]]:
+    """A server for that video: every test has a page, and so a session, of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("PYTEST_CURRENT_TEST", raising=False)
+        with _live(str(square)) as running:
+            yield running
+
+
+@pytest.fixture
+def page(browser: Any, served: tuple[str, psutil.Process]) -> Iterator[Page]:
+    """The page at the first frame of the video; the test fails on any error in the browser."""
+    with Page.visiting(browser, served[0]) as opened:
+        opened.await_frame(0)
+        yield opened
+
+
+class Page:
+    """A page in the browser, by the names of its parts."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.errors: list[str] = []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+
+    @classmethod
+    @contextlib.contextmanager
+    def visiting(cls, browser: Any, address: str, width: int = 1400) -> Iterator[Page]:
+        """Open a page, close it, and see that no script has failed."""
+        visited = cls(browser.new_page(viewport={"width": width, "height": 1200}))
+        visited.page.goto(address, timeout=PATIENCE)
+        yield visited
+        visited.page.close()
+        assert visited.errors == []
+
+    def part(self, name: str) -> Any:
+        """The element of that name."""
+        return self.page.locator(f"[data-part={name}]").first
+
+    def text(self, name: str) -> str:
+        """What it says."""
+        return str(self.part(name).inner_text())
+
+    def click(self, name: str) -> None:
+        """Press it with the mouse."""
+        self.part(name).click(timeout=PATIENCE)
+
+    def await_text(self, name: str, words: str) -> None:
+        """Wait until a part says something."""
+        self.page.wait_for_function(
+            "([name, words]) => document.querySelector(`[data-part=${name}]`)?.innerText.includes(words)",
+            arg=[name, words],
+            timeout=PATIENCE,
+        )
+
+    def await_frame(self, index: int) -> None:
+        """Wait until a frame is shown."""
+        self.await_text("facts", f"frame {index} of")
+
+    @property
+    def frame(self) -> int:
+        """Number of the frame shown."""
+        return int(self.text("facts").split()[1])
+
+    def picture(self, panel: str) -> str:
+        """What a panel shows at the moment."""
+        return str(self.page.locator(f"[data-part=panel-{panel}] img").get_attribute("src"))
+
+    def await_other_picture(self, panel: str, before: str) -> str:
+        """Wait until a panel shows something else."""
+        self.page.wait_for_function(
+            "([panel, before]) => document.querySelector(`[data-part=panel-${panel}] img`)?.src !== before",
+            arg=[panel, before],
+            timeout=PATIENCE,
+        )
+        return self.picture(panel)
+
+    def rows(self) -> dict[str, list[str]]:
+        """The table of the trackers: cells by name."""
+        lines = [line.split("\t") for line in self.text("tracks").splitlines()[1:]]
+        return {name.strip(): [cell.strip() for cell in rest] for name, *rest in lines}
+
+    def drag_slider(self, name: str, share: float) -> None:
+        """Drag the thumb of a slider with the mouse to a share of its track."""
+        track = self.part(name).locator(".q-slider__track-container").bounding_box()
+        thumb = self.part(name).locator(".q-slider__thumb").bounding_box()
+        middle = track["y"] + track["height"] / 2
+        self.page.mouse.move(thumb["x"] + thumb["width"] / 2, middle)
+        self.page.mouse.down()
+        self.page.mouse.move(track["x"] + share * track["width"], middle, steps=5)
+        self.page.mouse.up()
+
+    def download(self, name: str) -> tuple[str, bytes]:
+        """Click, and return the name and content of the file that comes."""
+        with self.page.expect_download(timeout=PATIENCE) as coming:
+            self.click(name)
+        return coming.value.suggested_filename, Path(coming.value.path()).read_bytes()
+
+
+def _box(cell: str) -> Box:
+    return Box(*(float(number) for number in re.findall(r"[\d.]+", cell)))
+
+
 @pytest.mark.browser
-def test_the_live_page_tracks_what_was_dragged(
-    browser: Any, plain_environment: Callable[[], None], square: Path
-) -> None:
-    """A drag starts the tracker; the page shows state, box and panels, pauses, and steps one frame."""
-    plain_environment()
-    boxes = _frames(14)[1]
-    with _live(str(square)) as (address, _):
-        page = _visit(browser, address)
-        _drag(page, (60, 70), (100, 110))
-        page.wait_for_function("document.querySelector('#facts').innerText.includes('frame 2 ')", timeout=PATIENCE)
-        page.locator("#play").click()
-        page.wait_for_function("document.querySelector('#play').innerText.match(/go on/i)", timeout=PATIENCE)
-        page.wait_for_timeout(500)
-        before = _facts(page)[0]
-        page.locator("#step").click()
-        page.wait_for_function(f"document.querySelector('#facts').innerText.includes('frame {before + 1} ')")
-        index, box = _facts(page)
-        assert index == before + 1
-        assert iou(box, boxes[index]) > 0.7
-        assert page.locator("#state").inner_text() == "tracking"
-        assert page.locator("#panels img").first.evaluate("image => image.naturalWidth") > 1000
+def test_a_dragged_box_is_followed_and_taken_away(page: Page, square: Path, tmp_path: Path) -> None:
+    """From a drag to the end of the video; boxes as hs-track writes them, overlay, panels and program."""
+    _drag(page.page, (60, 70), (100, 110))
+    page.await_text("hint", "box 60, 70, 40, 40 at frame 0")
+    page.drag_slider("scrub", 1.0)
+    page.await_frame(COUNT - 1)
+    page.await_text("tracks", "TrackerHS 1")
+    state, score, box, _ = page.rows()["TrackerHS 1"]
+    assert (state, float(score) > 0.5) == ("tracking", True)
+    assert iou(_box(box), _frames(COUNT)[1][-1]) > 0.7
 
+    name, table = page.download("save-boxes")
+    command = [sys.executable, "-m", "hs_tracker_cv", str(square), "--roi", "60,70,40,40", "--csv", "theirs.csv"]
+    subprocess.run(command, check=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert name == "square.hs.csv"
+    assert table == (tmp_path / "theirs.csv").read_bytes()
 
-def _facts(page: Any) -> tuple[int, Box]:
-    words = page.locator("#facts").inner_text().replace(",", " ").split()
-    at = words.index("box")
-    x, y, w, h = (float(words[at + offset]) for offset in (1, 2, 3, 5))
-    return int(words[words.index("frame") + 1]), Box(x, y, w, h)
-
-
-@pytest.mark.browser
-def test_a_video_is_chosen_on_the_page(browser: Any, plain_environment: Callable[[], None], square: Path) -> None:
-    """Without a video at the start, one is handed over through the browser's file chooser."""
-    plain_environment()
-    with _live() as (address, _):
-        page = _visit(browser, address)
-        page.locator("#upload input[type=file]").set_input_files(str(square), timeout=PATIENCE)
-        _drag(page, (60, 70), (100, 110))
-        page.wait_for_function("document.querySelector('#facts').innerText.includes('frame 2 ')", timeout=PATIENCE)
+    name, overlay = page.download("save-overlay")
+    (tmp_path / name).write_bytes(overlay)
+    assert len(list(open_source(tmp_path / name).frames)) == COUNT
+    name, panels = page.download("save-panels")
+    assert name.endswith(".png")
+    assert cv2.imdecode(np.frombuffer(panels, np.uint8), cv2.IMREAD_COLOR).shape[1] > 1000
+    page.click("save-python")
+    page.await_text("program", "tracker.init(frame, (60, 70, 40, 40))")
+    assert str(square) in page.text("program")
 
 
 @pytest.mark.browser
-def test_a_closed_page_gives_its_video_back(
-    browser: Any, plain_environment: Callable[[], None], square: Path
-) -> None:
+def test_the_keys_play_step_and_clear(page: Page) -> None:
+    """Space plays and pauses, arrows step both ways, r forgets the box and goes back to where it was drawn."""
+    keyboard = page.page.keyboard
+    keyboard.press("ArrowRight")
+    page.await_frame(1)
+    keyboard.press("Shift+ArrowRight")
+    page.await_frame(11)
+    keyboard.press("ArrowLeft")
+    page.await_frame(10)
+    # The scrubber has the focus of the mouse, and must not take the arrows for itself.
+    page.drag_slider("scrub", 0.0)
+    page.await_frame(0)
+    keyboard.press("ArrowRight")
+    page.await_frame(1)
+    _drag(page.page, (62, 70), (102, 110))
+    page.await_text("hint", "at frame 1")
+    keyboard.press("Space")
+    page.page.wait_for_function(
+        "parseInt(document.querySelector('[data-part=facts]').innerText.split(' ')[1]) > 4", timeout=PATIENCE
+    )
+    keyboard.press("Space")
+    page.page.wait_for_timeout(500)
+    paused = page.frame
+    page.page.wait_for_timeout(500)
+    assert page.frame == paused
+    keyboard.press("r")
+    page.await_frame(1)
+    assert page.rows() == {}
+
+
+@pytest.mark.browser
+def test_controls_act_on_the_paused_frame(page: Page) -> None:
+    """λ changes the flow and leaves the derivatives; the threshold changes what is above it; modes bring their λ."""
+    assert page.text("panel-Ft").endswith("needs the frame before")
+    page.click("ahead")
+    page.await_text("panel-arrows", "classic, λ 10, 100 iterations, whole frame")
+    page.await_text("panel-threshold", "normal flow ≥ 0.5")
+    flow, slope, above = (page.picture(name) for name in ("arrows", "Fx", "threshold"))
+    page.drag_slider("knob-smoothness", 0.9)
+    page.await_text("panel-arrows", "λ 90")
+    assert page.picture("arrows") != flow
+    assert (page.picture("Fx"), page.picture("threshold")) == (slope, above)
+    page.drag_slider("knob-threshold", 0.5)
+    page.await_other_picture("threshold", above)
+    page.click("flow-mode")
+    page.page.get_by_text("accurate", exact=True).click()
+    page.await_text("panel-arrows", "accurate, λ 4,")
+    page.click("paper")
+    page.await_text("panel-arrows", "classic, λ 10, 100 iterations")
+    assert page.frame == 1
+
+
+@pytest.mark.browser
+def test_rivals_and_parameters_catch_up(page: Page) -> None:
+    """A tracker that is ticked later has its row at the current frame; a changed mode follows anew."""
+    _drag(page.page, (60, 70), (100, 110))
+    page.await_text("hint", "at frame 0")
+    page.drag_slider("scrub", 0.5)
+    page.await_text("tracks", "TrackerHS 1")
+    page.click("use-CSRT")
+    page.click("use-KCF")
+    page.await_text("tracks", "KCF 1")
+    page.await_text("tracks", "CSRT 1")
+    truth = _frames(COUNT)[1][page.frame]
+    assert all(iou(_box(cells[2]), truth) > 0.5 for cells in page.rows().values())
+    page.click("use-CSRT")
+    page.page.wait_for_function(
+        "!document.querySelector('[data-part=tracks]').innerText.includes('CSRT')", timeout=PATIENCE
+    )
+    before = page.rows()["TrackerHS 1"][2]
+    page.click("tracker-mode")
+    page.page.get_by_text("propagation", exact=True).click()
+    page.page.wait_for_function(
+        """before => {
+            const words = document.querySelector('[data-part=tracks]').innerText;
+            return words.includes("TrackerHS 1") && !words.includes(before);
+        }""",
+        arg=before.split("\u00a0")[0].strip(),
+        timeout=PATIENCE,
+    )
+    assert iou(_box(page.rows()["TrackerHS 1"][2]), truth) > 0.5
+
+
+@pytest.mark.browser
+def test_a_proposed_region_is_clicked_and_a_second_box_added(page: Page) -> None:
+    """What moves is drawn dashed; a click inside follows it; the switch keeps it when another box is drawn."""
+    page.drag_slider("scrub", 0.25)
+    page.page.wait_for_timeout(300)
+    page.click("propose")
+    page.await_text("hint", "Click a dashed box")
+    truth = _frames(COUNT)[1][page.frame]
+    centre = tuple(round(side) for side in truth.centre)
+    _drag(page.page, centre, centre)
+    page.await_text("tracks", "TrackerHS 1")
+    assert iou(_box(page.rows()["TrackerHS 1"][2]), truth) > 0.4
+    page.click("several")
+    _drag(page.page, (10, 10), (50, 50))
+    page.await_text("tracks", "TrackerHS 2")
+    assert list(page.rows()) == ["TrackerHS 1", "TrackerHS 2"]
+
+
+@pytest.mark.browser
+def test_the_strip_leads_to_a_frame(page: Page) -> None:
+    """A click into the curves goes to the frame below it."""
+    _drag(page.page, (60, 70), (100, 110))
+    page.await_text("hint", "at frame 0")
+    page.drag_slider("scrub", 1.0)
+    page.await_frame(COUNT - 1)
+    place = page.page.locator("[data-part=strip] svg").bounding_box()
+    for index in (7, 20):
+        x = place["x"] + place["width"] * (index + 0.5) / COUNT
+        page.page.mouse.click(x, place["y"] + place["height"] / 2)
+        page.await_frame(index)
+    assert page.page.locator("[data-part=strip] path.curve").count() == 5
+
+
+@pytest.mark.browser
+def test_the_first_mover_is_followed_on_the_page(page: Page) -> None:
+    """Without any drag; the video goes on playing."""
+    page.click("first")
+    page.await_text("tracks", "TrackerHS 1")
+    assert iou(_box(page.rows()["TrackerHS 1"][2]), _frames(COUNT)[1][page.frame]) > 0.4
+
+
+@pytest.mark.browser
+def test_videos_are_chosen_on_the_page(browser: Any, square: Path, tmp_path: Path) -> None:
+    """Without a video at the start: the demo, and a file through the browser's chooser; a broken one is refused."""
+    broken = tmp_path / "broken.avi"
+    broken.write_bytes(b"no video")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("PYTEST_CURRENT_TEST", raising=False)
+        with _live() as (address, _), Page.visiting(browser, address) as page:
+            page.await_text("hint", "Open a video")
+            page.click("name")
+            page.page.get_by_text("a rolling ball").click()
+            page.await_text("facts", "frame 0 of 200 · 640 × 480")
+            with page.page.expect_file_chooser(timeout=PATIENCE) as chooser:
+                page.click("open")
+            chooser.value.set_files(str(broken))
+            page.page.get_by_text("broken.avi: is not a video").first.wait_for(timeout=PATIENCE)
+            page.page.locator("[data-part=upload] input[type=file]").set_input_files(str(square))
+            page.await_text("facts", f"frame 0 of {COUNT} · 240 × 180")
+            _drag(page.page, (60, 70), (100, 110))
+            page.await_text("tracks", "TrackerHS 1")
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_fits_a_phone_in_both_colours(browser: Any, served: tuple[str, psutil.Process], scheme: str) -> None:
+    """At 400 px nothing is wider than the screen; the ground is light or dark as the system has it."""
+    with Page.visiting(browser, served[0], width=400) as page:
+        page.page.emulate_media(color_scheme=scheme)
+        page.await_frame(0)
+        _drag(page.page, (60, 70), (100, 110))
+        page.await_text("tracks", "TrackerHS 1")
+        page.click("ahead")
+        page.await_text("panel-arrows", "classic")
+        assert page.page.evaluate("document.documentElement.scrollWidth") == 400
+        wide = page.page.evaluate(
+            "[...document.querySelectorAll('[data-part]')].filter(e => e.getBoundingClientRect().right > 400).length"
+        )
+        assert wide == 0
+        ground = page.page.evaluate("getComputedStyle(document.body).backgroundColor")
+        level = np.mean([int(number) for number in re.findall(r"\d+", ground)[:3]])
+        assert (level < 60) == (scheme == "dark")
+        assert (level > 200) == (scheme == "light")
+
+
+@pytest.mark.browser
+def test_a_closed_page_gives_its_video_back(browser: Any, served: tuple[str, psutil.Process], square: Path) -> None:
     """Open files and threads of the server are after many pages what they were after a few."""
-    plain_environment()
-    with _live(str(square)) as (address, server):
+    address, server = served
 
-        def held() -> int:
-            return sum(Path(file.path).samefile(square) for file in server.open_files())
+    def held() -> int:
+        return sum(Path(file.path).samefile(square) for file in server.open_files())
 
-        def visit(count: int) -> None:
-            pages = [_visit(browser, address) for _ in range(count)]
-            for page in pages:
-                page.locator("#frame img").first.wait_for(timeout=PATIENCE)
-                page.locator("#detect").click(timeout=PATIENCE)
-            assert held() == count
-            for page in pages:
-                page.close()
-            _wait_until(lambda: held() == 0)
+    def visit(count: int) -> None:
+        pages = [Page(_visit(browser, address)) for _ in range(count)]
+        for page in pages:
+            page.await_frame(0)
+            page.click("ahead")
+            page.await_frame(1)
+        assert held() == count
+        for page in pages:
+            page.page.close()
+        _wait_until(lambda: held() == 0)
 
-        # As many at once as later: threads that are kept for later work exist from then on.
-        visit(6)
-        before = server.num_fds(), server.num_threads()
-        for _ in range(3):
-            visit(6)
-        _wait_until(lambda: server.num_fds() <= before[0])
-        _wait_until(lambda: server.num_threads() <= before[1])
+    # As many at once as later: threads that are kept for later work exist from then on.
+    visit(5)
+    before = server.num_fds(), server.num_threads()
+    for _ in range(3):
+        visit(5)
+    _wait_until(lambda: server.num_fds() <= before[0])
+    _wait_until(lambda: server.num_threads() <= before[1])
 
 
 def _wait_until(question: Callable[[], bool]) -> None:
@@ -251,50 +513,6 @@ def _wait_until(question: Callable[[], bool]) -> None:
     while not question():
         assert time.monotonic() < deadline
         time.sleep(0.2)
-
-
-def test_a_session_follows_and_can_be_restarted_on_the_way(tmp_path: Path) -> None:
-    """A new box in the middle of a video starts a new track in that frame, under that frame's number."""
-    pytest.importorskip("nicegui")
-    from hs_tracker_cv.app.live import LiveSession
-    from hs_tracker_cv.app.sources import Sources
-
-    frames, boxes = _frames(8)
-    with VideoSink(tmp_path / "square.mkv", 25.0) as sink:
-        for frame in frames:
-            sink.write(frame)
-    session = LiveSession(Sources(str(tmp_path / "square.mkv")))
-    np.testing.assert_array_equal(session.open("square.mkv"), frames[0])
-    session.start(boxes[0])
-    assert [session.advance().index for _ in range(4)] == [0, 1, 2, 3]
-    session.start(boxes[3])
-    later = [session.advance() for _ in range(6)]
-    assert [step.index for step in later[:5]] == [3, 4, 5, 6, 7]
-    assert later[5] is None
-    assert later[0].box == boxes[3]
-    assert iou(later[4].box, boxes[7]) > 0.7
-    assert len(session.scores) == 5
-    session.close()
-    with pytest.raises(VideoError, match="has been closed"):
-        session.open("square.mkv")
-
-
-def test_a_source_that_cannot_be_read_leaves_the_session_usable(square: Path) -> None:
-    """The error names it; the other sources still open."""
-    pytest.importorskip("nicegui")
-    from hs_tracker_cv.app.live import LiveSession
-    from hs_tracker_cv.app.sources import Sources
-
-    (square.parent / "broken.avi").write_bytes(b"no video")
-    session = LiveSession(Sources(str(square.parent)))
-    with pytest.raises(VideoError, match=r"broken\.avi"):
-        session.open("broken.avi")
-    session.start(Box(60, 70, 40, 40))
-    assert session.advance() is None
-    session.open("square.mkv")
-    session.start(Box(60, 70, 40, 40))
-    assert session.advance().index == 0
-    session.close()
 
 
 def test_without_nicegui_the_way_to_install_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ import psutil
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from hs_tracker_cv.app.sources import Sources
+from hs_tracker_cv.app.sources import CAMERA, DEMO, Sources
 
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 PATHS = (
@@ -196,7 +196,7 @@ def _raw_get(server: Server, path: str) -> bytes:
 
 def test_the_ticket_opens_the_page_once() -> None:
     """The address on the browser's command line, which others can read, is worth nothing once it was used."""
-    with app._page("live", None, video="") as page:
+    with app._page("app", None, video="", models="") as page:
         port = urlsplit(page.ticket).port
         foreign = httpx.get(page.ticket, headers={"Host": "evil.example"})
         first, again = httpx.get(page.ticket), httpx.get(page.ticket)
@@ -225,7 +225,7 @@ def test_a_taken_port_gives_the_next_free_one(capfd: pytest.CaptureFixture[str])
     """And that one is printed."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with app._page("live", port, video="") as page:
+        with app._page("app", port, video="", models="") as page:
             bound = urlsplit(page.address).port
             assert port < bound < port + 20
             assert httpx.get(page.address).status_code == 200
@@ -269,8 +269,8 @@ def test_a_page_offers_what_was_named_only(video: Path, tmp_path: Path) -> None:
     (tmp_path / "escape.avi").symlink_to(video)
     (tmp_path / "notes.txt").write_text("private")
     sources = Sources(str(tmp_path))
-    assert sources.names == ["inside.avi", "link.avi"]
-    for name in ("escape.avi", "notes.txt", str(video), "../" + video.name, "", "0"):
+    assert sources.names == ["inside.avi", "link.avi", CAMERA.format(0), DEMO]
+    for name in ("escape.avi", "notes.txt", str(video), "../" + video.name, "", "0", "/dev/video0"):
         with pytest.raises(VideoError, match="not among the videos"):
             sources.open(name)
     with sources.open("link.avi") as source:
@@ -289,6 +289,10 @@ def test_uploads_lie_where_the_page_says(video: Path) -> None:
     paths[0].write_bytes(video.read_bytes())
     with sources.open("short.avi (2)") as source:
         assert source.size == (160, 120)
+        assert source.name == "short"
+    paths[1].write_bytes(b"no video")
+    with pytest.raises(VideoError, match=r"^short\.avi \(3\): is not a video"):
+        sources.open("short.avi (3)")
     for name in ("passwd", "x.html", ".avi", ""):
         with pytest.raises(VideoError, match="expected a video"):
             sources.reserve(name)

@@ -68,13 +68,15 @@ def select_roi(frame: Any, *, timeout: float = 600.0, show: bool = True, port: i
         return Box(*json.loads(answer.read_text())) if answer.exists() else None
 
 
-def serve(video: str = "", *, port: int | None = None, show: bool = True) -> int:
-    """Serve the live page until Ctrl-C.
+def serve(video: str = "", *, models: str = "", port: int | None = None, show: bool = True) -> int:
+    """Serve the page until Ctrl-C.
 
     Parameters
     ----------
     video : str
-        What the page opens at first; it can be changed there.
+        What the page opens at first: a video file, the number of a camera, a folder of images or of videos.
+    models : str
+        Folder that holds TrackerNano's models, for comparison; it must be named here, since a page opens no path.
     port, show : int, bool
         As for select_roi.
 
@@ -88,8 +90,8 @@ def serve(video: str = "", *, port: int | None = None, show: bool = True) -> int
     ImportError, VideoError
         As select_roi.
     """
-    with _page("live", port, video=video) as page:
-        page.announce("Watch the tracker at", show=show)
+    with _page("app", port, video=video, models=models) as page:
+        page.announce("The page is at", show=show)
         return page.process.wait()
 
 

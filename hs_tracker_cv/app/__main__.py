@@ -6,7 +6,7 @@ import json
 import sys
 
 from ..video import silence_decoders
-from .live import live_page
+from .page import app_page
 from .selection import select_page
 from .server import PageServer, listen, report
 
@@ -26,7 +26,7 @@ def _main() -> None:
     if order["page"] == "select":
         select_page(**order["arguments"], end=server.end)
     else:
-        live_page(**order["arguments"])
+        app_page(**order["arguments"])
     server.serve_until_end()
 
 

@@ -56,9 +56,9 @@ def select_page(picture: str, answer: str, end: Callable[[], None]) -> None:
         ui.query(".nicegui-content").classes("items-start gap-3")
         with ui.row().classes("items-center gap-4"):
             ui.label("Drag a box round the object").classes("text-lg")
-            button = ui.button("Track this", icon="check", on_click=accept).props("id=accept")
+            button = ui.button("Track this", icon="check", on_click=accept).props("data-part=accept")
             button.set_enabled(False)
-            label = ui.label("no box yet").classes("font-mono opacity-80 whitespace-pre").props("id=box")
+            label = ui.label("no box yet").classes("font-mono opacity-80 whitespace-pre").props("data-part=box")
         picker = BoxPicker(take)
-        picker.element.props("id=frame")
+        picker.element.props("data-part=frame")
         picker.show(image, lossless=True)

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import itertools
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from ..video import IMAGE_SUFFIXES, VideoError, VideoSource, natural_key, open_source
+from .demo import demo
 
-__all__ = ["VIDEO_SUFFIXES", "Sources"]
+__all__ = ["CAMERA", "DEMO", "VIDEO_SUFFIXES", "Sources"]
 
 VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv"})
 """Files of a folder that are offered, and uploads that are taken."""
+
+DEMO = "a rolling ball (demo)"
+CAMERA = "camera {}"
 
 
 class Sources:
@@ -20,7 +25,8 @@ class Sources:
     Parameters
     ----------
     named : str
-        A video file, the number of a camera, a folder of images or a folder of videos; empty for none.
+        A video file, the number of a camera, a folder of images or a folder of videos; empty for none. The first
+        camera and a small synthetic sequence are offered in any case.
 
     Attributes
     ----------
@@ -36,8 +42,14 @@ class Sources:
         root = Path(named)
         if named and root.is_dir():
             self._add_folder(root)
+        elif named.isdecimal() and not root.exists():
+            self._add(CAMERA.format(named), named)
         elif named:
-            self._add(root.name or named, named)
+            # Absolute, so that a file called 0 is no camera.
+            self._add(root.name or named, str(root.resolve()) if root.exists() else named)
+        if CAMERA.format(0) not in self._paths:
+            self._add(CAMERA.format(0), "0")
+        self.names.append(DEMO)
 
     def _add(self, name: str, path: str) -> str:
         unique = next(text for text in _numbered(name) if text not in self._paths)
@@ -64,9 +76,26 @@ class Sources:
         VideoError
             If it is none of them, or cannot be read.
         """
+        if name == DEMO:
+            return demo()
         if name not in self._paths:
-            raise VideoError(f"{name}: is not among the videos of this page ({', '.join(self.names) or 'none'})")
-        return open_source(self._paths[name])
+            raise VideoError(f"{name}: is not among the videos of this page ({', '.join(self.names)})")
+        path = self._paths[name]
+        if not self._is_upload(path):
+            return open_source(path)
+        # The viewer knows the file by its own name, in messages and in the names of what is taken away.
+        try:
+            return replace(open_source(path), name=Path(name).stem)
+        except VideoError as error:
+            raise VideoError(str(error).replace(path, name)) from error
+
+    def _is_upload(self, path: str) -> bool:
+        return Path(path).is_relative_to(self._inbox.name)
+
+    def argument(self, name: str) -> str:
+        """How a source is named on a command line; a placeholder for what the page alone has."""
+        path = self._paths.get(name, "")
+        return path if path and not self._is_upload(path) else name
 
     def reserve(self, name: str) -> tuple[str, Path]:
         """Make room for an upload: the name under which it is offered, and the file to write it to.

@@ -57,7 +57,7 @@ def _command(arguments: list[str]) -> int:
         from ..app import serve
 
         page = parsed(AppOptions, arguments[1:], f"{PROGRAM} app")
-        return serve(page.video, port=page.port, show=not page.no_show)
+        return serve(page.video, models=page.models, port=page.port, show=not page.no_show)
     return follow(parsed(Options, arguments))
 
 

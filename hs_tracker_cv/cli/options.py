@@ -120,19 +120,22 @@ def check(options: Options) -> None:
 
 @dataclass(frozen=True)
 class AppOptions:
-    """Pick a video, drag the box, watch every panel live, in a browser.
+    """Pick a video, drag boxes, compare trackers, see the paper step by step, in a browser.
 
     Parameters
     ----------
     video
-        Video file, number of a camera, or folder of images.
+        Video file, number of a camera, URL of a stream, folder of images, or folder of videos.
+    models
+        Folder that holds TrackerNano's *backbone*.onnx and *head*.onnx, to compare with it.
     port
-        Port on the loopback interface; a free one by default.
+        Port on the loopback interface, or the next free one; any free one by default.
     no_show
         Do not open a browser window.
     """
 
     video: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")] = ""
+    models: Annotated[str, tyro.conf.arg(metavar="DIR")] = ""
     port: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     no_show: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
 

@@ -1,0 +1,116 @@
+"""What a viewer takes away: boxes, an overlay video, the panels, and a program that does the same."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from pathlib import Path
+
+import cv2
+
+from ..display import tile_panels
+from ..following import write_header, write_row
+from ..params import TrackerHS_Params
+from ..video import VideoError, VideoSink
+from .pictures import Panel, draw_tracks
+from .session import Session
+from .tracks import OURS, Track
+
+__all__ = ["overlay_webm", "panels_png", "snippet", "table_csv"]
+
+
+def table_csv(track: Track) -> str:
+    """The boxes of one track, as `hs-track --csv` writes them."""
+    table = io.StringIO(newline="")
+    write_header(table)
+    for step in track.steps:
+        write_row(table, step)
+    return table.getvalue()
+
+
+def overlay_webm(session: Session) -> bytes:
+    """All frames that a track has seen, with every box drawn on them.
+
+    Raises
+    ------
+    VideoError
+        If there is no track, or a frame cannot be had any more.
+    """
+    tracks = list(session.tracks)
+    if not tracks:
+        raise VideoError("nothing has been followed yet")
+    first, last = min(track.start for track in tracks), max(track.head for track in tracks)
+    with tempfile.TemporaryDirectory(prefix="hs-track-") as folder:
+        path = Path(folder) / "overlay.webm"
+        with VideoSink(path, session.store.fps) as sink:
+            for index in range(first, last + 1):
+                sink.write(draw_tracks(session.frame_at(index), tracks, index))
+        return path.read_bytes()
+
+
+def panels_png(panels: list[Panel]) -> bytes:
+    """The panels in a grid, with their titles and notes.
+
+    Raises
+    ------
+    VideoError
+        If there is none: in the first frame, or when none is chosen.
+    """
+    if not panels:
+        raise VideoError("there are no panels to save: choose some, and go to a frame behind the first")
+    tiles = tile_panels([(panel.title, panel.note, panel.picture) for panel in panels])
+    return cv2.imencode(".png", tiles)[1].tobytes()
+
+
+def snippet(session: Session, name: str) -> str:
+    """A Python program that finds the same boxes and computes the same panels.
+
+    Parameters
+    ----------
+    session : Session
+    name : str
+        Of the source on the page.
+    """
+    ours = [track for track in session.tracks if track.name == OURS]
+    params = session.stage_params
+    lines = [
+        "from hs_tracker_cv import TrackerHS, TrackerHS_Params",
+        "from hs_tracker_cv.stages import PaperMethod, StageParams",
+        "from hs_tracker_cv.video import open_source",
+        "",
+        f"SOURCE = {session.sources.argument(name)!r}",
+        "",
+    ]
+    lines += _paper(session.index, params)
+    for track in ours:
+        lines += ["", *_following(track)]
+    return "\n".join(lines) + "\n"
+
+
+def _paper(index: int, params: object) -> list[str]:
+    return [
+        f"method = PaperMethod({params!r})",
+        "previous = None",
+        "with open_source(SOURCE) as source:",
+        "    for index, frame in enumerate(source.frames):",
+        f"        if index == {max(index, 1)}:",
+        "            stages = method.calc(previous, frame)",
+        "            print(index, stages.flow.shape, stages.box)",
+        "            break",
+        "        previous = frame",
+    ]
+
+
+def _following(track: Track) -> list[str]:
+    parameters = "" if track.parameters == TrackerHS_Params() else repr(track.parameters)
+    return [
+        f"# object {track.number}",
+        f"tracker = TrackerHS({parameters})",
+        "with open_source(SOURCE) as source:",
+        "    for index, frame in enumerate(source.frames):",
+        f"        if index == {track.start}:",
+        f"            tracker.init(frame, {tuple(track.roi)!r})",
+        f"        elif index > {track.start}:",
+        "            ok, _ = tracker.update(frame)",
+        "            print(index, tracker.box if ok else None, tracker.getTrackingScore())",
+    ]

@@ -1,0 +1,416 @@
+"""The page: a video, a box, the trackers on it, the stages of the paper's method, and what to take away."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from nicegui import background_tasks, events, run, ui
+
+from ..detection import FirstMover
+from ..frames import InputError
+from ..geometry import Box
+from ..video import VideoError
+from .controls import Controls
+from .panels import PanelGrid
+from .picker import BoxPicker
+from .pictures import colour, draw_tracks, picture_url
+from .session import Session
+from .sources import VIDEO_SUFFIXES, Sources
+from .strip import strip_svg
+from .style import ACCENT, CSS, KEYS
+
+__all__ = ["app_page"]
+
+LARGEST = 960
+"""Width, px, in which frames are sent to the browser at most."""
+FASTEST = 30.0
+"""Frames shown per second at most; faster play leaves frames out, of the picture and not of the tracks."""
+SLICE = 0.1
+"""Seconds of work after which the page shows how far it is."""
+STRIP_SECONDS = 0.25
+"""How often the curves are drawn while the video plays."""
+SPEEDS = {0.25: "¼ ×", 0.5: "½ ×", 1: "1 ×", 2: "2 ×", 4: "4 ×"}
+
+
+def app_page(video: str = "", models: str = "") -> None:
+    """Declare the page at ``/``.
+
+    Parameters
+    ----------
+    video : str
+        What it opens at first: a video file, the number of a camera, a folder of images or of videos; empty to let
+        the viewer choose.
+    models : str
+        Folder of TrackerNano's models; empty for none.
+    """
+
+    @ui.page("/")
+    def page() -> None:
+        Page(Session(Sources(video), models), opens=bool(video))
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A frame, ready to be sent.
+
+    Parameters
+    ----------
+    index : int
+    url : str
+        The picture, encoded.
+    size : tuple of int
+        Of the frame, px.
+    scale : float
+        Picture px per frame px.
+    rows : str
+        What the trackers say of it, as rows of a table.
+    """
+
+    index: int
+    url: str
+    size: tuple[int, int]
+    scale: float
+    rows: str
+
+
+class Page:
+    """The elements of one viewer's page and what their events do."""
+
+    def __init__(self, session: Session, *, opens: bool) -> None:
+        self.session = session
+        self.goal: int | None = None
+        self.pursuing = False
+        self.playing = False
+        self.left = False
+        self.due = 0.0
+        self.drawn_at = 0.0
+        self.times: list[float] = []
+        ui.colors(primary=ACCENT)
+        ui.add_css(CSS)
+        ui.add_head_html(KEYS)
+        self.dark = ui.dark_mode(None)
+        self._header()
+        with ui.element("div").classes("hs-main"):
+            with ui.element("div").classes("hs-view"):
+                self._view()
+            with ui.element("div").classes("hs-side"):
+                self.controls = Controls(self)
+        self.grid = PanelGrid(self)
+        ui.keyboard(self._key, ignore=["input", "textarea", "select"])
+        self.timer = ui.timer(1.0 / FASTEST, self._tick, active=False)
+        self.client = ui.context.client
+        # Deletion and not disconnection: a connection that is lost for a moment comes back to the same page.
+        self.client.on_delete(self._leave)
+        if opens:
+            # A timer starts when the page is seen: a request alone opens no video.
+            ui.timer(0.0, lambda: self.open(self.session.sources.names[0]), once=True)
+
+    # Layout
+
+    def _header(self) -> None:
+        with ui.element("div").classes("hs-header"):
+            ui.label("hs-track").classes("hs-title")
+            self.name = ui.select(
+                list(self.session.sources.names), label="Video", on_change=lambda event: self.open(event.value)
+            )
+            self.name.classes("hs-grow").props("data-part=name dense outlined options-dense")
+            self.upload = (
+                ui.upload(auto_upload=True, on_upload=self._take).classes("hidden").props("data-part=upload")
+            )
+            self.upload.props(f"accept={','.join(sorted(VIDEO_SUFFIXES))}")
+            pick = f"() => runMethod({self.upload.id}, 'pickFiles', [])"
+            ui.button("Open file", icon="upload_file").props("outline dense no-caps data-part=open").on(
+                "click", js_handler=pick
+            )
+            ui.button(icon="contrast", on_click=self._toggle_dark).props("flat round dense data-part=dark").tooltip(
+                "Light or dark"
+            )
+
+    def _view(self) -> None:
+        self.picker = BoxPicker(self._boxed, self._clicked)
+        self.picker.element.props("data-part=frame").classes("hs-frame")
+        self.hint = ui.label("Open a video, or choose the demo above.").classes("hs-hint").props("data-part=hint")
+        with ui.element("div").classes("hs-transport"):
+            back, self.play_button, ahead = (
+                ui.button(icon=icon, on_click=act).props(f"round dense data-part={name}").tooltip(tip)
+                for icon, name, tip, act in (
+                    ("skip_previous", "back", "One frame back (←)", lambda: self._step(-1)),
+                    ("play_arrow", "play", "Play or pause (space)", self._toggle),
+                    ("skip_next", "ahead", "One frame ahead (→)", lambda: self._step(1)),
+                )
+            )
+            for button in (back, ahead):
+                button.props("flat")
+            self.slider = ui.slider(min=0, max=1, step=1, value=0).props("data-part=scrub").classes("hs-grow")
+            self.slider.on(
+                "update:model-value", lambda event: self.seek(int(event.args)), throttle=0.05, leading_events=False
+            )
+            self.speed = ui.select(SPEEDS, value=1).props("data-part=speed dense borderless options-dense")
+            self.speed.tooltip("Speed")
+        self.facts = ui.label("").classes("hs-facts").props("data-part=facts")
+        self.strip = ui.html("", sanitize=False).classes("hs-strip").props("data-part=strip")
+        self.strip.on(
+            "click",
+            lambda event: self.seek(round(event.args * self._count() - 0.5)),
+            js_handler="""(e) => {
+                const place = e.currentTarget.querySelector("svg").getBoundingClientRect();
+                emit((e.clientX - place.left) / place.width);
+            }""",
+        )
+        self.table = ui.html("", sanitize=False).classes("hs-table").props("data-part=tracks")
+
+    def _toggle_dark(self) -> None:
+        """From what the browser wants to dark, to light, and back."""
+        self.dark.value = {None: True, True: False, False: None}[self.dark.value]
+
+    # Sources
+
+    async def _take(self, event: events.UploadEventArguments) -> None:
+        try:
+            name, path = self.session.sources.reserve(event.file.name)
+        except VideoError as error:
+            self.complain(error)
+            return
+        await event.file.save(path)
+        self.upload.reset()
+        self.name.set_options(list(self.session.sources.names))
+        self.name.set_value(name)
+
+    async def open(self, name: str) -> None:
+        """Open a source by its name and show its first frame."""
+        self._play(False)
+        self.goal = None
+        if self.name.value != name:
+            self.name.set_value(name)  # which comes back here
+            return
+        self.picker.clear()
+        opened = await self.do(self.session.open, name)
+        self.hint.set_text("Drag a box round an object, at any frame." if opened else "Open another video.")
+        if opened:
+            await self.pursue(0)
+        else:
+            self._blank()
+
+    def _blank(self) -> None:
+        self.picker.element.set_source("")
+        for element in (self.strip, self.table):
+            element.set_content("")
+        self.facts.set_text("")
+        self.grid.refresh()
+
+    # Time
+
+    async def _step(self, by: int) -> None:
+        self._play(False)
+        await self.pursue((self.goal if self.goal is not None else self.session.index) + by)
+
+    def seek(self, index: int) -> None:
+        """Go to a frame, showing the way."""
+        self._play(False)
+        background_tasks.create(self.pursue(index), name="seek")
+
+    def _toggle(self) -> None:
+        self._play(not self.playing and self.session.opened)
+
+    def _play(self, playing: bool) -> None:
+        self.playing = playing
+        self.times = []
+        self.play_button.props(f"icon={'pause' if playing else 'play_arrow'}")
+        if hasattr(self, "timer"):
+            self.timer.active = playing
+
+    async def _tick(self) -> None:
+        if self.pursuing or not self.playing:
+            return
+        rate = self.session.store.fps * float(self.speed.value)
+        stride = max(round(rate / FASTEST), 1)
+        # By the clock: a frame that came late does not put off those behind it.
+        now = time.monotonic()
+        self.due = max(self.due + stride / rate, now)
+        self.timer.interval = self.due - now
+        before = self.session.index
+        await self.pursue(before + stride)
+        if self.session.index == before:
+            self._play(False)
+
+    async def catch_up(self) -> None:
+        """Let tracks that are behind come to the current frame."""
+        await self.pursue(self.session.index)
+
+    async def pursue(self, goal: int) -> None:
+        """Go to a frame and show what is on the way; the last goal given counts."""
+        if not self.session.opened:
+            return
+        self.goal = max(goal, 0)
+        if self.pursuing:
+            return
+        self.pursuing = True
+        try:
+            while self.goal is not None and not self.left:
+                goal = self.goal
+                arrived = await self.do(self._approach, goal)
+                shown = await run.io_bound(self._render)
+                if shown is None or self.left:
+                    return
+                self._show(shown)
+                if arrived is not False and self.goal == goal:
+                    self.goal = None
+        finally:
+            self.pursuing = False
+            self.goal = None
+        self._draw_strip(force=not self.playing)
+        self.grid.refresh()
+
+    def _approach(self, goal: int) -> bool:
+        return self.session.go_to(goal, SLICE)
+
+    def _render(self) -> Shown | None:
+        """Draw and encode the current frame; in a thread of its own."""
+        index, frame, tracks = self.session.current()
+        if frame is None:
+            return None
+        picture = draw_tracks(frame, tracks, index)
+        height, width = picture.shape[:2]
+        scale = min(LARGEST / width, 1.0)
+        if scale < 1.0:
+            size = (LARGEST, round(height * scale))
+            picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+        return Shown(index, picture_url(picture), (width, height), scale, _rows(tracks, index))
+
+    def _count(self) -> int:
+        count = self.session.store.count if self.session.opened else None
+        return max(count or 0, self.session.index + 1, 1)
+
+    def _show(self, shown: Shown) -> None:
+        if shown.index != self.slider.value or self.picker.element.source == "":
+            self.picker.clear()
+        self.picker.show_url(shown.url, shown.size, shown.scale)
+        self.slider.props(f"max={max(self._count() - 1, 1)}")
+        self.slider.set_value(shown.index)
+        self.table.set_content(shown.rows)
+        now = time.monotonic()
+        self.times = [*(moment for moment in self.times if now - moment < 2.0), now]
+        store = self.session.store
+        count = store.count if store.count is not None else "live"
+        words = f"frame {shown.index} of {count} · {shown.size[0]} × {shown.size[1]} px · {store.fps:g} frames/s"
+        if self.playing and len(self.times) > 5:
+            words += f" · shown {(len(self.times) - 1) / (self.times[-1] - self.times[0]):.0f}/s"
+        self.facts.set_text(words)
+        self._draw_strip(force=False)
+
+    def _draw_strip(self, *, force: bool) -> None:
+        if force or time.monotonic() - self.drawn_at > STRIP_SECONDS:
+            self.drawn_at = time.monotonic()
+            self.strip.set_content(strip_svg(self.session.tracks, self.session.index, self._count()))
+
+    # Objects
+
+    async def _boxed(self, box: Box) -> None:
+        if not self.session.opened:
+            return
+        self._play(False)
+        whole = Box(*box.rounded())
+        if await self.do(self.session.start, whole, add=self.controls.several.value):
+            self.hint.set_text(f"box {', '.join(f'{side:g}' for side in whole)} at frame {self.session.index}")
+            self.picker.clear()
+            await self.catch_up()
+
+    async def _clicked(self, x: float, y: float) -> None:
+        proposed = self.picker.proposed_at(x, y)
+        if proposed is not None:
+            await self._boxed(proposed)
+        else:
+            self.picker.clear()
+
+    async def propose(self) -> None:
+        """Draw what moves in this frame, to be clicked."""
+        self._play(False)
+        regions = await self.do(self.session.regions)
+        if regions is not None:
+            self.picker.propose([region.box for region in regions])
+            few = "nothing moves here" if self.session.index else "there is no motion in the first frame: go on first"
+            self.hint.set_text("Click a dashed box to follow it." if regions else few)
+
+    async def follow_first(self) -> None:
+        """Go on until something moves and follow that."""
+        self._play(False)
+        found, mover = False, FirstMover()
+        while self.session.opened and not found and not self.left:
+            before = self.session.index
+            found = bool(await self.do(self.session.follow_first_mover, mover, SLICE))
+            shown = await run.io_bound(self._render)
+            if shown is not None:
+                self._show(shown)
+            if self.session.index == before:
+                break
+        self.hint.set_text("" if found else "nothing has moved up to the end")
+        await self.catch_up()
+        self._play(found)
+
+    async def forget(self) -> None:
+        """Take all boxes away and go back to where the first was drawn."""
+        self._play(False)
+        if self.session.opened and await self.do(self.session.forget):
+            self.hint.set_text("Drag a box round an object, at any frame.")
+            self.picker.clear()
+            await self.catch_up()
+
+    # Keys, errors, end
+
+    async def _key(self, event: events.KeyEventArguments) -> None:
+        if not event.action.keydown or event.modifiers.ctrl or event.modifiers.meta or event.modifiers.alt:
+            return
+        if event.key.space and not event.action.repeat:
+            self._toggle()
+        elif event.key.arrow_left or event.key.arrow_right:
+            by = 10 if event.modifiers.shift else 1
+            await self._step(by if event.key.arrow_right else -by)
+        elif event.key == "r":
+            await self.forget()
+
+    async def do(self, work: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """Do something in a thread, and say what goes wrong; True for what returns nothing, None after an error."""
+        try:
+            result = await run.io_bound(work, *args, **kwargs)
+        except (VideoError, InputError, cv2.error) as error:
+            self._play(False)
+            self.complain(error)
+            return None
+        return True if result is None else result
+
+    def complain(self, error: Exception) -> None:
+        """Show an error as one line."""
+        if not self.left:
+            with self.client:
+                ui.notify(" ".join(str(error).split()), type="negative", multi_line=True)
+
+    async def _leave(self) -> None:
+        self.left = True
+        # In a thread: it waits for the frame that is being worked on.
+        await run.io_bound(self.session.close)
+
+
+def _rows(tracks: list[Any], index: int) -> str:
+    """What each track says of a frame, as an HTML table."""
+    rows = []
+    for track in tracks:
+        step = track.at(index)
+        if step is None:
+            continue
+        box = "–"
+        if step.box is not None:
+            x, y, w, h = step.box
+            box = f"{x:.1f}, {y:.1f} &nbsp; {w:.1f} × {h:.1f}"
+        score = "" if step.score != step.score else f"{step.score:.2f}"
+        spent = f"{1e3 * step.seconds:.1f} ms" if step.seconds else ""
+        rows.append(
+            f'<tr><td><b style="background:{colour(track.name)}"></b>{track.label}</td><td>{step.state}</td>'
+            f"<td>{score}</td><td>{box}</td><td>{spent}</td></tr>"
+        )
+    head = "<tr><th>tracker</th><th>state</th><th>score</th><th>box, px</th><th>update</th></tr>"
+    return f"<table>{head}{''.join(rows)}</table>" if rows else ""

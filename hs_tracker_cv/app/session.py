@@ -1,0 +1,352 @@
+"""What one viewer does on the page, without any page: source, frame, tracks, stages.
+
+Its methods wait for one another, so that they may be called from any thread.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
+
+import cv2
+
+from ..detection import FirstMover, MotionDetector, Region
+from ..frames import InputError, as_frame, as_roi
+from ..geometry import Box
+from ..params import TrackerHS_Params
+from ..stages import PaperMethod, StageParams, Stages
+from ..video import VideoError
+from .pictures import Panel, draw
+from .rivals import rivals
+from .sources import Sources
+from .store import FrameStore
+from .tracks import OURS, Track
+
+__all__ = ["Session"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _alone(method: Callable[P, R]) -> Callable[P, R]:
+    """Let one method of a session run at a time."""
+
+    @functools.wraps(method)
+    def waiting(*args: P.args, **kwargs: P.kwargs) -> R:
+        with args[0]._lock:  # type: ignore[attr-defined]
+            return method(*args, **kwargs)
+
+    return waiting
+
+
+class Session:
+    """One viewer's video, trackers and parameters.
+
+    Parameters
+    ----------
+    sources : Sources
+        What may be opened.
+    models : str
+        Folder of TrackerNano's models; empty for none.
+
+    Attributes
+    ----------
+    index : int
+        Number of the current frame; -1 without a source.
+    frame : ndarray or None
+        The current frame.
+    tracks : list of Track
+        In the order in which they were started.
+    names : list of str
+        Trackers that are started on a box.
+    parameters : TrackerHS_Params
+        Of TrackerHS.
+    stage_params : StageParams
+        Of the panels.
+    """
+
+    def __init__(self, sources: Sources, models: str = "") -> None:
+        self.sources = sources
+        self.rivals = rivals(models)
+        self.index = -1
+        self.frame: Any = None
+        self.tracks: list[Track] = []
+        self.names = [OURS]
+        self.parameters = TrackerHS_Params()
+        self.stage_params = StageParams()
+        self._store: FrameStore | None = None
+        self._method = PaperMethod(self.stage_params)
+        self._stages: tuple[int, StageParams, FrameStore | None, Stages] | None = None
+        self._lock = threading.RLock()
+        self._panel_lock = threading.Lock()
+        self._closed = False
+
+    @property
+    def store(self) -> FrameStore:
+        """The frames; VideoError without a source."""
+        if self._store is None:
+            raise VideoError("no video has been opened")
+        return self._store
+
+    @property
+    def opened(self) -> bool:
+        """Whether there is a source."""
+        return self._store is not None
+
+    @_alone
+    def open(self, name: str) -> None:
+        """Open one of the sources at its first frame; tracks are forgotten.
+
+        Raises
+        ------
+        VideoError
+            If it cannot be opened; what was open is closed all the same.
+        """
+        self._release()
+        if self._closed:
+            raise VideoError("the page has been closed")
+        self._store = FrameStore(lambda: self.sources.open(name))
+        self.index, self.frame = 0, self._store.get(0)
+
+    @_alone
+    def close(self) -> None:
+        """Give the video back and delete the uploads; nothing can be opened any more."""
+        self._closed = True
+        self._release()
+        self.sources.close()
+
+    def _release(self) -> None:
+        if self._store is not None:
+            self._store.close()
+        self._store = None
+        self.index, self.frame, self.tracks = -1, None, []
+
+    @_alone
+    def go_to(self, target: int, seconds: float = math.inf) -> bool:
+        """Make a frame the current one; every track passes all frames up to it.
+
+        Parameters
+        ----------
+        target : int
+            Held within the video.
+        seconds : float
+            Stop on the way after so long.
+
+        Returns
+        -------
+        bool
+            Whether the frame, or the end of the video, has been reached.
+
+        Raises
+        ------
+        VideoError
+            Where the source breaks; the current frame is then the last one before.
+        InputError
+            If a tracker cannot use a frame; it is left behind.
+        """
+        end = time.monotonic() + seconds
+        target = max(target, 0)
+        while True:
+            index = self._next_index(target)
+            frame = self.store.get(index)
+            if frame is None:
+                if self.index >= 0 and index <= self.index:
+                    raise VideoError(f"{self.store.name}: frame {index} cannot be read again")
+                return True
+            for track in self.tracks:
+                if track.head == index - 1 and not track.failure:
+                    track.feed(frame)
+            if index > self.index or index == target:
+                self.index, self.frame = index, frame
+            if self.index == target and not self._waiting(target):
+                return True
+            if time.monotonic() >= end:
+                return False
+
+    def _next_index(self, target: int) -> int:
+        """The frame to look at next on the way to `target`: the earliest that a track waits for."""
+        return min([min(self.index + 1, target), *(track.head + 1 for track in self._waiting(target))])
+
+    def _waiting(self, target: int) -> list[Track]:
+        """Tracks that have not been in a frame they come to."""
+        return [track for track in self.tracks if not track.failure and track.head < target]
+
+    @_alone
+    def frame_at(self, index: int) -> Any:
+        """Return any frame, without going there; raises VideoError where it cannot be had."""
+        frame = self.store.get(index)
+        if frame is None:
+            raise VideoError(f"{self.store.name}: there is no frame {index}")
+        return frame
+
+    @_alone
+    def start(self, box: Box, *, add: bool = False) -> None:
+        """Follow the object in a box of the current frame.
+
+        Parameters
+        ----------
+        box : Box
+            px; what lies outside the frame is cut off.
+        add : bool
+            Keep the objects that are followed already.
+
+        Raises
+        ------
+        InputError
+            If the box is too small or outside; the tracks stay as they were.
+        """
+        as_roi(box, as_frame(self.frame))
+        kept = self.tracks if add else []
+        number = max((track.number for track in kept), default=0) + 1
+        fresh = [self._track(name, number, box, self.index) for name in self.names]
+        self._first_steps(fresh, self.frame)
+        self.tracks = [*kept, *fresh]
+
+    def _track(self, name: str, number: int, box: Box, start: int) -> Track:
+        return Track(name, number, box, start, self.parameters, self.rivals.get(name))
+
+    def _first_steps(self, tracks: list[Track], frame: Any) -> None:
+        for track in tracks:
+            try:
+                track.feed(frame)
+            except InputError:
+                raise
+            except cv2.error as error:
+                raise InputError(f"{track.name} cannot start on this box: {track.failure}") from error
+
+    @_alone
+    def choose(self, names: list[str]) -> None:
+        """Change the trackers; those that are new start where each object was boxed, and `go_to` catches up.
+
+        Raises
+        ------
+        VideoError, InputError
+            If that frame cannot be had or used any more; nothing changes.
+        """
+        known = [OURS, *self.rivals]
+        names = [name for name in known if name in names]
+        objects = {track.number: track for track in self.tracks}
+        kept = [track for track in self.tracks if track.name in names]
+        present = {(track.number, track.name) for track in kept}
+        fresh = [
+            self._track(name, number, track.roi, track.start)
+            for number, track in objects.items()
+            for name in names
+            if (number, name) not in present
+        ]
+        self._restart(fresh)
+        self.names = names
+        self.tracks = sorted([*kept, *fresh], key=lambda track: (track.number, known.index(track.name)))
+
+    @_alone
+    def set_parameters(self, parameters: TrackerHS_Params) -> None:
+        """Change the parameters of TrackerHS; its tracks start anew, and `go_to` catches up.
+
+        Raises
+        ------
+        VideoError
+            If the first frame of a track cannot be had any more; nothing changes.
+        """
+        before, self.parameters = self.parameters, parameters
+        anew = {id(track): self._track(OURS, track.number, track.roi, track.start) for track in self._ours()}
+        try:
+            self._restart(list(anew.values()))
+        except VideoError:
+            self.parameters = before
+            raise
+        self.tracks = [anew.get(id(track), track) for track in self.tracks]
+
+    def _restart(self, tracks: list[Track]) -> None:
+        for start in sorted({track.start for track in tracks}):
+            self._first_steps([track for track in tracks if track.start == start], self.store.get(start))
+
+    def _ours(self) -> list[Track]:
+        return [track for track in self.tracks if track.name == OURS]
+
+    @_alone
+    def forget(self) -> None:
+        """Go back to where the first track began, without tracks."""
+        start = min((track.start for track in self.tracks), default=self.index)
+        self.tracks = []
+        if self.opened:
+            self.go_to(start)
+
+    @_alone
+    def follow_first_mover(self, mover: FirstMover, seconds: float = math.inf) -> bool:
+        """Go on until an object moves, and follow that; what was followed is forgotten.
+
+        Parameters
+        ----------
+        mover : FirstMover
+            A fresh one, and the same again when the time has passed.
+        seconds : float
+            Stop on the way after so long.
+
+        Returns
+        -------
+        bool
+            False where the video has ended, or the time has passed, without one.
+
+        Raises
+        ------
+        VideoError, InputError
+            As `go_to`.
+        """
+        end = time.monotonic() + seconds
+        self.tracks = []
+        while True:
+            region = mover.update(self.frame)
+            if region is not None:
+                self.start(region.box)
+                return True
+            before = self.index
+            self.go_to(before + 1)
+            if self.index == before or time.monotonic() >= end:
+                return False
+
+    @_alone
+    def current(self) -> tuple[int, Any, list[Track]]:
+        """Number of the current frame, the frame, and the tracks: of one moment."""
+        return self.index, self.frame, self.tracks
+
+    @_alone
+    def regions(self) -> list[Region]:
+        """What moves between the frame before and the current one, the largest first."""
+        before = self._before()
+        return MotionDetector().detect(before, self.frame) if before is not None else []
+
+    def panels(self, names: list[str], width: int) -> list[Panel]:
+        """Draw panels of the current frame; in the first frame there is nothing to draw.
+
+        Meanwhile the session can go on to other frames.
+
+        Parameters
+        ----------
+        names : list of str
+            Of display.PANELS, or LAYERS.
+        width : int
+            Of a picture, px.
+        """
+        with self._panel_lock:
+            with self._lock:
+                index, before, frame, params = self.index, self._before(), self.frame, self.stage_params
+                silhouettes = [track.silhouette(index) for track in self._ours()]
+            if before is None:
+                return []
+            stages = self._stages_of(index, before, frame, params)
+            silhouette = next((found for found in silhouettes if found is not None), None)
+            return [draw(name, stages, frame, silhouette, width) for name in names]
+
+    def _stages_of(self, index: int, before: Any, frame: Any, params: StageParams) -> Stages:
+        if self._method.params != params:
+            self._method = PaperMethod(params)
+        if self._stages is None or self._stages[:3] != (index, params, self._store):
+            self._stages = (index, params, self._store, self._method.calc(before, frame))
+        return self._stages[3]
+
+    def _before(self) -> Any:
+        return self.store.get(self.index - 1) if self.index > 0 else None
