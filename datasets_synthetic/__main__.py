@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
-import cv2
 import tyro
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from .export import FORMATS
+from .export import FORMATS, PREVIEWS, write_image
 from .preview import contact_sheet
 from .render import render
 from .suites import SUITES, canonical
@@ -21,9 +20,9 @@ from .suites import suite as specs_of
 _FORMAT_NAMES = ", ".join(FORMATS)
 
 
-def _fail(message: str) -> None:
-    Console(stderr=True).print(message, style="bold red", highlight=False, markup=False)
-    sys.exit(2)
+def _fail(message: str, code: int = 2) -> NoReturn:
+    Console(stderr=True, soft_wrap=True).print(message, style="bold red", highlight=False, markup=False)
+    sys.exit(code)
 
 
 def render_suite(
@@ -45,7 +44,9 @@ def render_suite(
     format
         Layout of the files.
     preview
-        Also write `preview.png` into each folder: eight frames with the truth drawn in.
+        Also write a picture of each sequence into `previews`: eight frames with the truth drawn in.
+
+    Folders of an earlier export are written anew; what others have put there stays.
     """
     try:
         suite = canonical(suite)
@@ -55,11 +56,16 @@ def render_suite(
         _fail(f"no format {format!r}; known: {_FORMAT_NAMES}")
     console = Console()
     specs = specs_of(suite)
-    for spec in track(specs, description=f"rendering {suite}", console=console):
-        sequence = render(spec)
-        folder = FORMATS[format](sequence, out)
-        if preview:
-            cv2.imwrite(str(folder / "preview.png"), contact_sheet(sequence))
+    try:
+        for spec in track(specs, description=f"rendering {suite}", console=console):
+            sequence = render(spec)
+            FORMATS[format](sequence, out)
+            if preview:
+                # Not beside the frames, where readers would take it for one of them.
+                write_image(out / PREVIEWS / f"{sequence.name}.png", contact_sheet(sequence))
+    except OSError as error:
+        reason = f"{error.filename}: cannot be written ({error.strerror})" if error.filename else str(error)
+        _fail(reason, 1)
     console.print(f"{len(specs)} sequences of suite {suite} in {out}", highlight=False, markup=False)
 
 

@@ -3,10 +3,15 @@
 Every layout has a folder of its own per sequence, which also holds `manifest.json` (attributes, the spec, its digest,
 the renderer's version) and `visibility.txt`. Numbers are written so that they come back to the last bit. Images that
 other tools look for as .jpg are PNG under that name, which every reader opens by content.
+
+An earlier export is replaced, file by file: of a longer one no frame stays behind. A folder that holds something else
+is refused.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 from collections.abc import Callable, Iterable
 from decimal import Decimal
@@ -21,14 +26,24 @@ from .sequence import Sequence
 from .spec import RENDERER_VERSION
 
 __all__ = [
-    "FORMATS", "read_flo", "read_otb_boxes", "write_coco", "write_flo", "write_flow", "write_got10k", "write_otb",
-    "write_video", "write_vot",
+    "FORMATS", "PREVIEWS", "read_flo", "read_otb_boxes", "write_coco", "write_flo", "write_flow", "write_got10k",
+    "write_image", "write_otb", "write_video", "write_vot",
 ]  # fmt: skip
+
+PREVIEWS = "previews"
+"""Folder of the pictures for people, beside those of the sequences."""
 
 _FPS = 25.0
 _ANCHOR_FRAMES = 50
 _ANCHOR_VISIBILITY = 0.5  # a start box of something that is hidden is no start
 _FLO_MAGIC = 202021.25
+_MANIFEST = "manifest.json"
+_SUBFOLDERS = ("img", "color", "flow")
+_EXPORTED = (
+    *(f"{folder}[0-9]*.{suffix}" for folder in ("", "img/", "color/") for suffix in ("jpg", "png")),
+    "flow/[0-9]*.flo", "flow/[0-9]*_valid.png", "groundtruth*.txt", "visibility.txt", "anchor.value", "sequence",
+    "*.tag", "*.label", "meta_info.ini", "annotations.json", "video.mkv",
+)  # fmt: skip
 
 
 def write_otb(sequence: Sequence, root: Path) -> Path:
@@ -172,7 +187,7 @@ def write_flow(sequence: Sequence, root: Path) -> Path:
     for t in range(len(sequence) - 1):
         flow, valid = sequence.flow(t)
         write_flo(folder / "flow" / f"{t + 1:04d}.flo", flow)
-        _image(folder / "flow" / f"{t + 1:04d}_valid.png", valid.astype(np.uint8) * 255)
+        write_image(folder / "flow" / f"{t + 1:04d}_valid.png", valid.astype(np.uint8) * 255)
     return folder
 
 
@@ -216,7 +231,9 @@ def write_video(sequence: Sequence, root: Path) -> Path:
     """
     folder = _folder(sequence, root)
     height, width = sequence.frames.shape[1:3]
-    writer = cv2.VideoWriter(str(folder / "video.mkv"), cv2.VideoWriter.fourcc(*"FFV1"), _FPS, (width, height))
+    writer = cv2.VideoWriter(
+        _native_name(folder / "video.mkv"), cv2.VideoWriter.fourcc(*"FFV1"), _FPS, (width, height)
+    )
     if not writer.isOpened():
         raise OSError(f"cv2 {cv2.__version__} cannot write FFV1 video to {folder / 'video.mkv'}")
     for frame in sequence.frames:
@@ -237,8 +254,10 @@ FORMATS: dict[str, Callable[[Sequence, Path], Path]] = {
 
 
 def _folder(sequence: Sequence, root: Path) -> Path:
+    """Folder of a sequence, with nothing of an earlier export in it, and what all layouts have in common."""
     folder = root / sequence.name
     folder.mkdir(parents=True, exist_ok=True)
+    _clear(folder)
     manifest = {
         "name": sequence.name,
         "digest": sequence.spec.digest(),
@@ -247,18 +266,41 @@ def _folder(sequence: Sequence, root: Path) -> Path:
         "attributes": sequence.attributes,
         "spec": repr(sequence.spec),
     }
-    (folder / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n")
+    (folder / _MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n")
     _table(folder / "visibility.txt", sequence.visibility[:, np.newaxis])
     return folder
+
+
+def _clear(folder: Path) -> None:
+    """Remove what exports write, of any layout; raises OSError for a folder that holds something else."""
+    if not (folder / _MANIFEST).is_file():
+        # Of an export that was interrupted the manifest is there: it is written first.
+        if any(not path.name.startswith(".") for path in folder.iterdir()):
+            raise FileExistsError(errno.EEXIST, "there are files that are no export of ours", str(folder))
+        return
+    for name in _EXPORTED:
+        for path in (found for found in folder.glob(name) if found.is_file() or found.is_symlink()):
+            path.unlink()
+    for name in _SUBFOLDERS:
+        with contextlib.suppress(OSError):  # absent, or not empty
+            (folder / name).rmdir()
 
 
 def _images(sequence: Sequence, folder: Path, pattern: str, first: int) -> None:
     folder.mkdir(exist_ok=True)
     for t, frame in enumerate(sequence.frames):
-        _image(folder / pattern.format(t + first), frame)
+        write_image(folder / pattern.format(t + first), frame)
 
 
-def _image(path: Path, image: NDArray[np.uint8]) -> None:
+def write_image(path: Path, image: NDArray[np.uint8]) -> None:
+    """Write a PNG, whatever the name of the file; the folder is made when missing.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
     done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not done:
         raise OSError(f"cv2 could not encode {path}")
@@ -267,6 +309,16 @@ def _image(path: Path, image: NDArray[np.uint8]) -> None:
 
 def _table(path: Path, values: NDArray[Any]) -> None:
     _rows(path, values.tolist())
+
+
+def _native_name(path: Path) -> str:
+    """Name of a file for cv2, which takes a relative one with a colon for a protocol and dies of one not in UTF-8."""
+    name = str(path.absolute())
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        raise OSError(errno.EILSEQ, "OpenCV takes names in UTF-8 only", name) from None
+    return name
 
 
 def _rows(path: Path, rows: Iterable[Iterable[object]]) -> None:

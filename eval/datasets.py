@@ -22,9 +22,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hs_tracker_cv.video.folder import image_files
+from hs_tracker_cv.video import VideoError, image_files, native_name, read_image
 
-from .framesource import IMAGE_FLAGS, FrameSource
+from .framesource import FrameSource
 from .sequences import Sequence
 from .truthfiles import SequenceError, SequenceWarning, read_attributes, read_boxes, read_numbers
 
@@ -59,9 +59,10 @@ def _from_images(
 ) -> Sequence:
     """Make a sequence of images and of boxes, of which either may be one too many."""
     count = _common_count(name, len(images), len(boxes))
-    first = cv2.imread(str(images[0]), IMAGE_FLAGS)
-    if first is None:
-        raise SequenceError(f"{name}: cannot read {images[0]}")
+    try:
+        first = read_image(images[0])
+    except VideoError as error:
+        raise SequenceError(f"{name}: cannot read {error}") from error
     paths = tuple(str(path) for path in images[:count])
     return _sequence(
         name, FrameSource(paths, "images", count), boxes[:count], visible, folder, (first.shape[1], first.shape[0])
@@ -89,7 +90,7 @@ def _sequence(
 ) -> Sequence:
     """Whatever the layout: where there is no box there is no object, and our exports say what can be seen of it."""
     count = len(boxes)
-    exact = read_numbers(folder / "visibility.txt", count)
+    exact = read_numbers(folder / "visibility.txt", count, 1.0)
     shown = exact if exact is not None else visible
     presence = np.asarray(np.isfinite(boxes).all(axis=1), dtype=np.float64)
     visibility = presence if shown is None else presence * shown[:count]
@@ -164,8 +165,9 @@ def _vot(folder: Path) -> Sequence:
 def _got10k(folder: Path) -> Sequence:
     images = _images_in(folder)
     boxes = read_boxes(folder / "groundtruth.txt", first=0, count=len(images))
-    cover, absence = (read_numbers(folder / f"{name}.label", len(boxes)) for name in ("cover", "absence"))
-    # cover.label counts eighths of the object that can be seen, 0 to 8.
+    # cover.label counts eighths of the object that can be seen.
+    cover = read_numbers(folder / "cover.label", len(boxes), 8.0)
+    absence = read_numbers(folder / "absence.label", len(boxes), 1.0)
     visible = None if cover is None else cover / 8.0
     if absence is not None:
         visible = (1.0 - absence) * (1.0 if visible is None else visible)
@@ -198,7 +200,10 @@ def _video(where: str) -> Readers:
 
 
 def _read_video(video: Path, box_file: Path) -> Sequence:
-    capture = cv2.VideoCapture(str(video))
+    try:
+        capture = cv2.VideoCapture(native_name(video))
+    except VideoError as error:
+        raise SequenceError(str(error)) from error
     try:
         if not capture.isOpened():
             raise SequenceError(f"cannot open the video {video}")

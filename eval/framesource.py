@@ -12,12 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from hs_tracker_cv.video import VideoError, native_name, read_image
+
 from . import rendered
 
-__all__ = ["IMAGE_FLAGS", "FrameSource", "FrameSourceError"]
-
-IMAGE_FLAGS = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH
-"""Of ``cv2.imread``: gray stays gray and 16 bits stay 16, as ``hs-track`` reads them."""
+__all__ = ["FrameSource", "FrameSourceError"]
 
 
 class FrameSourceError(ValueError):
@@ -71,10 +70,10 @@ class FrameSource:
 
     def _images(self) -> Iterator[NDArray[Any]]:
         for path in self.paths:
-            image = cv2.imread(path, IMAGE_FLAGS)
-            if image is None:
-                raise FrameSourceError(f"cannot read the frame {path}")
-            yield image
+            try:
+                yield read_image(Path(path))
+            except VideoError as error:
+                raise FrameSourceError(f"cannot read the frame {error}") from error
 
     def _array(self) -> Iterator[NDArray[Any]]:
         for frame in np.load(self.paths[0], mmap_mode="r"):
@@ -90,7 +89,7 @@ class FrameSource:
             yield np.array(frame)
 
     def _video(self) -> Iterator[NDArray[Any]]:
-        capture = cv2.VideoCapture(self.paths[0])
+        capture = cv2.VideoCapture(native_name(Path(self.paths[0])))
         try:
             for index in range(self.count):
                 read, frame = capture.read()

@@ -115,7 +115,7 @@ def _words(line: str, where: str) -> list[str]:
     return words
 
 
-def read_numbers(path: Path, count: int) -> NDArray[np.float64] | None:
+def read_numbers(path: Path, count: int, most: float) -> NDArray[np.float64] | None:
     """Read an optional file with one number per frame; what cannot be used is said and ignored.
 
     Parameters
@@ -123,6 +123,8 @@ def read_numbers(path: Path, count: int) -> NDArray[np.float64] | None:
     path : Path
     count : int
         Number of frames.
+    most : float
+        Largest number that has a meaning; the least is 0.
 
     Returns
     -------
@@ -139,6 +141,9 @@ def read_numbers(path: Path, count: int) -> NDArray[np.float64] | None:
         # One image more than lines, or the other way round, is common in the published sets.
         if abs(len(words) - count) > 1:
             raise SequenceError(f"{path}: expected {count} numbers, got {len(words)}")
+        wrong = next((word for word in words if not 0.0 <= float(word) <= most), None)
+        if wrong is not None:
+            raise SequenceError(f"{path}: expected numbers from 0 to {most:g}, got {wrong}")
     except SequenceError as error:
         _ignore(error)
         return None

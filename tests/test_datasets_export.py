@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -193,7 +194,97 @@ def test_command_renders_a_suite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
         folder = tmp_path / spec.name
         assert len(list((folder / "img").iterdir())) == spec.frames
         assert len(read_otb_boxes(folder / "groundtruth_rect.txt")) == spec.frames
-        assert cv2.imread(str(folder / "preview.png")) is not None
+        assert cv2.imread(str(tmp_path / "previews" / f"{spec.name}.png")) is not None
+        assert sorted(path.name for path in folder.iterdir() if path.suffix == ".png") == []
+
+
+@pytest.mark.parametrize("layout", FORMATS)
+def test_previews_are_not_taken_for_frames(
+    layout: str, sequence: Sequence, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """What readers of image folders find is the same with previews and without."""
+    monkeypatch.setattr("datasets_synthetic.__main__.render", lambda spec: sequence)
+    monkeypatch.setattr("datasets_synthetic.__main__.specs_of", lambda name: [sequence.spec])
+    for name, words in {"with": ["--preview"], "without": []}.items():
+        command(monkeypatch, "render", "smoke", "--out", str(tmp_path / name), "--format", layout, *words)
+    found = {
+        name: sorted(str(path.relative_to(tmp_path / name)) for path in (tmp_path / name / sequence.name).rglob("*"))
+        for name in ("with", "without")
+    }
+    assert found["with"] == found["without"]
+    assert [path.name for path in (tmp_path / "with" / "previews").iterdir()] == [f"{sequence.name}.png"]
+
+
+@pytest.mark.parametrize("first", FORMATS)
+@pytest.mark.parametrize("then", FORMATS)
+def test_an_earlier_export_leaves_nothing_behind(first: str, then: str, sequence: Sequence, tmp_path: Path) -> None:
+    """Rendered again with fewer frames, in the same layout or another: the same files as in an empty folder."""
+    short = render(replace(sequence.spec, frames=3))
+    folder = FORMATS[first](sequence, tmp_path / "again")
+    (folder / "car.hs.csv").write_text("what somebody has measured")
+    FORMATS[then](short, tmp_path / "again")
+    fresh = FORMATS[then](short, tmp_path / "fresh")
+    again, new = (
+        {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+        for root in (folder, fresh)
+    )
+    assert again.pop("car.hs.csv") == b"what somebody has measured"
+    assert set(again) == set(new)
+    # FFV1 in Matroska holds a number drawn at random.
+    assert {name: data for name, data in again.items() if name != "video.mkv"} == {
+        name: data for name, data in new.items() if name != "video.mkv"
+    }
+
+
+def test_a_folder_of_somebody_else_is_refused(sequence: Sequence, tmp_path: Path) -> None:
+    """Of a data set that happens to have a sequence of that name nothing is changed."""
+    folder = tmp_path / sequence.name
+    (folder / "img").mkdir(parents=True)
+    (folder / "img" / "0001.jpg").write_bytes(b"theirs")
+    for write in FORMATS.values():
+        with pytest.raises(FileExistsError, match="there are files that are no export of ours"):
+            write(sequence, tmp_path)
+    assert [path.name for path in folder.iterdir()] == ["img"]
+    assert (folder / "img" / "0001.jpg").read_bytes() == b"theirs"
+
+
+@pytest.mark.parametrize("layout", ["otb", "video"])
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        ("file", "file/{name}: cannot be written (Not a directory)"),
+        ("/dev/null/x", "/dev/null/x/{name}: cannot be written (Not a directory)"),
+        ("theirs", "theirs/{name}: cannot be written (there are files that are no export of ours)"),
+    ],
+)
+def test_a_bad_out_is_one_line(
+    out: str, message: str, layout: str, sequence: Sequence, monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """With the reason of the operating system, and exit code 1."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("datasets_synthetic.__main__.render", lambda spec: sequence)
+    Path("file").touch()
+    (Path("theirs") / sequence.name).mkdir(parents=True)
+    (Path("theirs") / sequence.name / "notes.txt").touch()
+    with pytest.raises(SystemExit) as stop:
+        command(monkeypatch, "render", "smoke", "--out", out, "--format", layout, "--preview")
+    assert stop.value.code == 1
+    assert message.format(name=sequence.name) in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform in {"darwin", "win32"}, reason="all names are Unicode there")
+def test_any_name_of_a_folder_is_written_to(
+    sequence: Sequence, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """With a colon, of which FFmpeg makes a protocol; not UTF-8, it is an error for video, and not the end."""
+    monkeypatch.chdir(tmp_path)
+    for write in FORMATS.values():
+        assert write(sequence, Path("12:30") / write.__name__).is_dir()
+    odd = Path(os.fsdecode(b"\xe9"))
+    assert len(list((write_otb(sequence, odd) / "img").iterdir())) == len(sequence)
+    with pytest.raises(OSError, match="OpenCV takes names in UTF-8 only"):
+        write_video(sequence, odd)
 
 
 @pytest.mark.parametrize(

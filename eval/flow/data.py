@@ -170,7 +170,8 @@ def middlebury_pairs(folder: Path) -> Iterator[FlowPair]:
 
 
 def _read_frame(path: Path) -> NDArray[np.uint8]:
-    frame = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    # From its bytes: cv2 dies of a name that is not UTF-8.
+    frame = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
     if frame is None:
         raise ValueError(f"expected a readable image, got {path}")
     return np.asarray(frame, dtype=np.uint8)

@@ -8,11 +8,11 @@ it has. What the decoders print themselves is left to OpenCV's own switches (``c
 
 from __future__ import annotations
 
-from .folder import IMAGE_SUFFIXES, image_files, natural_key
+from .folder import IMAGE_SUFFIXES, image_files, natural_key, read_image
 from .opening import open_source
 from .quiet import silence_decoders
 from .sink import CODECS, VideoSink
-from .source import VideoError, VideoSource
+from .source import VideoError, VideoSource, native_name
 
 __all__ = [
     "CODECS",
@@ -21,7 +21,9 @@ __all__ = [
     "VideoSink",
     "VideoSource",
     "image_files",
+    "native_name",
     "natural_key",
     "open_source",
+    "read_image",
     "silence_decoders",
 ]

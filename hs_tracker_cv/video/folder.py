@@ -12,7 +12,7 @@ import numpy as np
 
 from .source import DEFAULT_FPS, Bytes, Image, Picture, VideoError, VideoSource
 
-__all__ = ["IMAGE_SUFFIXES", "image_files", "natural_key", "open_folder"]
+__all__ = ["IMAGE_SUFFIXES", "image_files", "natural_key", "open_folder", "read_image"]
 
 IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"})
 """Files of a folder that are taken for frames."""
@@ -59,7 +59,7 @@ def open_folder(folder: Path, start: int, step: int, gain: float | None) -> Vide
     if start >= len(paths):
         raise VideoError(f"{folder}: has {len(paths)} frames, none after frame {start - 1}")
     paths = paths[start::step]
-    first = _read(paths[0])
+    first = read_image(paths[0])
     convert = Bytes(str(paths[0]), first, gain)
     # OTB and its kin keep the frames in a folder called img: the sequence's name is the parent's.
     name = folder.resolve()
@@ -71,10 +71,17 @@ def open_folder(folder: Path, start: int, step: int, gain: float | None) -> Vide
 
 def _frames(paths: list[Path], convert: Bytes) -> Iterator[Picture]:
     for path in paths:
-        yield convert(str(path), _read(path))
+        yield convert(str(path), read_image(path))
 
 
-def _read(path: Path) -> Image:
+def read_image(path: Path) -> Image:
+    """Pixels of an image file as they are stored: gray or BGR without alpha, of any depth.
+
+    Raises
+    ------
+    VideoError
+        If it cannot be read, or is no image.
+    """
     try:
         # imdecode instead of imread: it takes any path the operating system takes.
         data = np.frombuffer(path.read_bytes(), np.uint8)
