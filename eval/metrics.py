@@ -11,10 +11,13 @@ Conventions
   visible ones with ``ok=False``, whatever the box; *True far off* is the share of the visible ones with ``ok=True``
   and an IoU below 0.1.
 * The success curve is the share of frames with IoU ≥ t, and with IoU > 0 at t = 0: a perfect tracker scores 1 at
-  every threshold and an absent one 0. Its AUC (trapezium rule, 101 thresholds) therefore reaches exactly 1. The
-  field's toolkits count IoU > t at 21 thresholds, where a perfect tracker scores 20/21: that is *AUC (21 ×, >)*.
-* Distances: precision counts those ≤ 20 px; normalised precision divides by the size of the reference box and is the
-  area under the curve of shares ≤ t for t from 0 to 0.5, scaled to 1.
+  every threshold and an absent one 0. Its AUC (trapezium rule, 101 thresholds) therefore reaches exactly 1.
+* Distances: precision counts those ≤ 20 px; normalised precision divides by the size of the reference box and counts
+  those ≤ 0.2, which is LaSOT's value.
+* Columns that end in *(OTB)* and *(GOT-10k)* count as these toolkits do. Both hold the last box in a frame answered
+  with ``ok=False``. OTB scores all frames, the first (as perfect) and hidden ones included, without clipping boxes to
+  the frame, and takes IoU > t at 21 thresholds, where a perfect tracker scores 20/21. GOT-10k scores every frame but
+  the first in which anything of the object can be seen, cuts boxes its own way, and pools frames of all sequences.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "COUNTS",
     "METRICS",
     "MIN_VISIBILITY",
     "PRECISION_THRESHOLDS",
@@ -50,7 +54,7 @@ FAR_OFF = 0.1
 
 SUCCESS_THRESHOLDS: FloatArray = np.linspace(0.0, 1.0, 101)
 PRECISION_THRESHOLDS: FloatArray = np.arange(0.0, 51.0)
-NORMALISED_THRESHOLDS: FloatArray = np.linspace(0.0, 0.5, 51)
+NORMALISED_THRESHOLD = 0.2
 OTB_THRESHOLDS: FloatArray = np.linspace(0.0, 1.0, 21)
 
 
@@ -78,15 +82,21 @@ class Metric:
 METRICS: dict[str, Metric] = {
     "mean_iou": Metric("mean IoU", "", "higher"),
     "auc": Metric("AUC", "", "higher"),
-    "auc_otb": Metric("AUC (21 ×, >)", "", "higher"),
+    "auc_otb": Metric("AUC (OTB)", "", "higher"),
     "sr50": Metric("SR@0.5", "", "higher"),
     "sr75": Metric("SR@0.75", "", "higher"),
     "precision20": Metric("P@20", "", "higher"),
-    "normalised_precision": Metric("norm. P", "", "higher"),
+    "precision_otb": Metric("P@20 (OTB)", "", "higher"),
+    "normalised_precision": Metric("norm. P@0.2", "", "higher"),
+    "ao_got10k": Metric("AO (GOT-10k)", "", "higher", weight="covered"),
+    "sr50_got10k": Metric("SR@0.5 (GOT-10k)", "", "higher", weight="covered"),
     "false_true": Metric("false True", "", "lower", weight="invisible"),
     "false_false": Metric("false False", "", "lower", weight="visible"),
     "true_off": Metric("True far off", "", "lower", weight="visible"),
 }
+
+COUNTS = ("visible", "invisible", "covered")
+"""Numbers of frames that go with the metrics: those that score a box, those that score `ok` alone, and GOT-10k's."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +112,10 @@ class FrameScores:
         NaN where not visible.
     distance, normalised_distance : ndarray, shape (T−1,)
         Of the centres, px and in box sizes; infinite for a missing answer, NaN where not visible.
+    otb_iou, otb_distance : ndarray, shape (T,)
+        As OTB counts; NaN where there is no reference box.
+    got10k_iou : ndarray, shape (T−1,)
+        As GOT-10k counts; NaN where nothing of the object can be seen.
     """
 
     visible: NDArray[np.bool_]
@@ -110,6 +124,9 @@ class FrameScores:
     iou: FloatArray
     distance: FloatArray
     normalised_distance: FloatArray
+    otb_iou: FloatArray
+    otb_distance: FloatArray
+    got10k_iou: FloatArray
 
 
 def _validated(boxes: FloatArray, name: str) -> FloatArray:
@@ -189,7 +206,11 @@ def frame_scores(
     lengths = {len(reference), len(visibility), len(estimated), len(ok)}
     if len(lengths) != 1:
         raise ValueError(f"expected arrays of one length, got {sorted(lengths)}")
-    reference, estimated = _validated(reference, "reference")[1:], _validated(estimated, "estimated")[1:]
+    reference, estimated = _validated(reference, "reference"), _validated(estimated, "estimated")
+    held = _last_box_held(estimated, np.asarray(ok, dtype=bool))
+    otb_iou, otb_distance = _as_otb(reference, held)
+    got10k_iou = np.where(np.asarray(visibility)[1:] > 0, _got10k_iou(reference[1:], held[1:], size), np.nan)
+    reference, estimated = reference[1:], estimated[1:]
     edges, answer = clip_boxes(reference, size), clip_boxes(estimated, size)
     visible = (np.asarray(visibility)[1:] >= MIN_VISIBILITY) & (_area(edges) > 0)
     answered = np.asarray(ok, dtype=bool)[1:] & np.isfinite(estimated).all(axis=1)
@@ -203,11 +224,55 @@ def frame_scores(
         iou=np.where(visible, iou, np.nan),
         distance=_masked(np.hypot(*offset.T), answered, visible),
         normalised_distance=_masked(np.hypot(*(offset / sides).T), answered, visible),
+        otb_iou=otb_iou,
+        otb_distance=otb_distance,
+        got10k_iou=got10k_iou,
     )
 
 
 def _masked(distance: FloatArray, answered: NDArray[np.bool_], visible: NDArray[np.bool_]) -> FloatArray:
     return np.where(visible, np.where(answered, distance, np.inf), np.nan)
+
+
+def _last_box_held(estimated: FloatArray, ok: NDArray[np.bool_]) -> FloatArray:
+    """Boxes as toolkits get them, one for every frame: where nothing is located, the last that was."""
+    located: NDArray[np.bool_] = np.logical_and(ok, np.isfinite(estimated).all(axis=1))
+    located[0] = True  # the start box
+    last = np.maximum.accumulate(np.where(located, np.arange(len(located)), 0))
+    return np.asarray(estimated[last])
+
+
+def _as_otb(reference: FloatArray, held: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """IoU and distance of the centres (T,) without clipping; the first box is the reference itself."""
+    known = np.isfinite(reference).all(axis=1)
+    first, second = np.where(known[:, np.newaxis], reference, 0.0), held.copy()
+    second[0] = first[0]
+    iou = _plain_iou(first, second)
+    with np.errstate(over="ignore", invalid="ignore"):
+        offset = (first[:, :2] + first[:, 2:] / 2) - (second[:, :2] + second[:, 2:] / 2)
+        distance = np.hypot(*offset.T)
+    return np.where(known, iou, np.nan), np.where(known, distance, np.nan)
+
+
+def _got10k_iou(reference: FloatArray, held: FloatArray, size: tuple[int, int]) -> FloatArray:
+    """IoU (T,) of boxes cut as GOT-10k's toolkit cuts them: what reaches out on the left keeps its width."""
+
+    def cut(boxes: FloatArray) -> FloatArray:
+        corner = np.clip(np.nan_to_num(boxes[:, :2]), 0.0, size)
+        return np.concatenate([corner, np.clip(np.nan_to_num(boxes[:, 2:]), 0.0, size - corner)], axis=1)
+
+    return _plain_iou(cut(reference), cut(held))
+
+
+def _plain_iou(first: FloatArray, second: FloatArray) -> FloatArray:
+    """IoU (T,) of boxes x, y, w, h as they are."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        low = np.maximum(first[:, :2], second[:, :2])
+        high = np.minimum(first[:, :2] + first[:, 2:], second[:, :2] + second[:, 2:])
+        common = np.maximum(high - low, 0.0).prod(axis=1)
+        union = first[:, 2:].prod(axis=1) + second[:, 2:].prod(axis=1) - common
+        shares = np.divide(common, union, out=np.zeros_like(common), where=union > 0)
+    return np.asarray(np.clip(shares, 0.0, 1.0))
 
 
 def success_curve(iou: FloatArray) -> FloatArray:
@@ -232,7 +297,7 @@ def _share(values: NDArray[np.bool_]) -> float:
 
 
 def summarise(scores: FrameScores) -> dict[str, float]:
-    """Every number of :data:`METRICS` for one trajectory, with the counts `visible` and `invisible`.
+    """Every number of :data:`METRICS` for one trajectory, with its :data:`COUNTS`.
 
     A number without any frame to rest on is NaN.
     """
@@ -243,12 +308,19 @@ def summarise(scores: FrameScores) -> dict[str, float]:
         distance, normalised = scores.distance[visible], scores.normalised_distance[visible]
         found["mean_iou"] = float(iou.mean())
         found["auc"] = _area_under(success_curve(iou))
-        found["auc_otb"] = float((iou[:, np.newaxis] > OTB_THRESHOLDS).mean())
         found["sr50"] = _share(iou >= 0.5)
         found["sr75"] = _share(iou >= 0.75)
         found["precision20"] = _share(distance <= 20.0)
-        found["normalised_precision"] = _area_under(precision_curve(normalised, NORMALISED_THRESHOLDS))
+        found["normalised_precision"] = _share(normalised <= NORMALISED_THRESHOLD)
     found["false_true"] = _share(scores.ok[scores.invisible])
     found["false_false"] = _share(~scores.ok[visible])
     found["true_off"] = _share(scores.ok[visible] & (iou < FAR_OFF))
-    return {**found, "visible": float(visible.sum()), "invisible": float(scores.invisible.sum())}
+    otb, got10k = np.isfinite(scores.otb_iou), np.isfinite(scores.got10k_iou)
+    if otb.any():
+        found["auc_otb"] = float((scores.otb_iou[otb][:, np.newaxis] > OTB_THRESHOLDS).mean())
+        found["precision_otb"] = _share(scores.otb_distance[otb] <= 20.0)
+    if got10k.any():
+        found["ao_got10k"] = float(scores.got10k_iou[got10k].mean())
+        found["sr50_got10k"] = _share(scores.got10k_iou[got10k] > 0.5)
+    counts = visible.sum(), scores.invisible.sum(), got10k.sum()
+    return {**found, **{name: float(count) for name, count in zip(COUNTS, counts, strict=True)}}

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from .metrics import PRECISION_THRESHOLDS, SUCCESS_THRESHOLDS
-from .statistics import calibration_error, median_known, wilson_interval
+from .statistics import calibration_error, median_known
 
 __all__ = ["before_loss_plot", "calibration_plot", "colour_of", "precision_plot", "speed_plot", "success_plot"]
 
@@ -116,7 +116,7 @@ def calibration_plot(tables: Mapping[str, pd.DataFrame], chosen: str) -> str:
     """Share of frames really located over the tracker's own score; a calibrated one lies on the diagonal.
 
     The legend gives the expected calibration error. Each point is a tenth of the score: its area says how many frames
-    have it, its bar how well the share is known.
+    have it, its bar how well the share is known, with sequences that are independent and frames that are not.
     """
     if not tables:
         return ""
@@ -125,8 +125,8 @@ def calibration_plot(tables: Mapping[str, pd.DataFrame], chosen: str) -> str:
         axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8)
         for name, table in tables.items():
             colour = colour_of(name, list(tables), chosen)
-            score, located, frames = (table[column].to_numpy(float) for column in ("score", "located", "frames"))
-            low, high = wilson_interval(located, frames)
+            columns = ("score", "located", "low", "high", "frames")
+            score, located, low, high, frames = (table[column].to_numpy(float) for column in columns)
             label = f"{name}, ECE {calibration_error(table):.3f}"
             axes.vlines(score, low, high, color=colour, linewidth=1.2)
             axes.scatter(score, located, s=12 + 8 * np.log2(frames), color=colour, label=label, zorder=3)

@@ -1,21 +1,21 @@
-"""From runs to numbers: scores per run, means per sequence and attribute, bootstrap intervals, paired differences."""
+"""From runs to numbers: scores per run, means per sequence and attribute, paired differences, trust in scores."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from .metrics import METRICS, FrameScores, frame_scores, precision_curve, success_curve, summarise
+from .intervals import mean_interval, share_interval
+from .metrics import COUNTS, METRICS, FrameScores, frame_scores, precision_curve, success_curve, summarise
 from .results import COMPLETED, Run, SpeedRun
 from .sequences import Sequence
 
 __all__ = [
     "ScoredRun",
-    "bootstrap_interval",
     "calibration",
     "calibration_error",
     "curves",
@@ -30,16 +30,10 @@ __all__ = [
     "score_quality",
     "score_table",
     "speed_table",
-    "wilson_interval",
     "worst_sequences",
 ]
 
 FloatArray = NDArray[np.float64]
-
-_RESAMPLES = 5000
-_SEED = 20240501
-COVERAGE = 0.95
-"""Of every interval given."""
 
 LOW_QUANTILE = 0.05
 """Share of the sequences that are worse than what is called the 5 % quantile."""
@@ -73,10 +67,10 @@ def score_frames(runs: Iterable[Run], sequences: Iterable[Sequence]) -> list[Sco
 
 
 def score_table(scored: Iterable[ScoredRun]) -> pd.DataFrame:
-    """One row per run: tracker, sequence, start, repeat, status, the metrics, `visible` and `invisible`."""
+    """One row per run: tracker, sequence, start, repeat, status, the metrics and their counts of frames."""
     names = ("tracker", "sequence", "start", "repeat", "status")
     rows = [{**{name: getattr(item.run, name) for name in names}, **summarise(item.frames)} for item in scored]
-    columns = ["tracker", "sequence", "start", "repeat", "status", *METRICS, "visible", "invisible"]
+    columns = ["tracker", "sequence", "start", "repeat", "status", *METRICS, *COUNTS]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -87,10 +81,10 @@ def per_sequence(scores: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         One row per pair: tracker, sequence, the metrics from the exact start, `perturbed_iou`, `failed` runs,
-        `visible`, `invisible`.
+        the counts of frames.
     """
     pair = ["tracker", "sequence"]
-    numbers = [*METRICS, "visible", "invisible"]
+    numbers = [*METRICS, *COUNTS]
     exact = scores[scores["start"] == 0].groupby(pair, sort=False)[numbers].mean()
     perturbed = scores[scores["start"] > 0].groupby(pair, sort=False)["mean_iou"].mean()
     failed = (scores["status"] != COMPLETED).groupby([scores[name] for name in pair], sort=False).sum()
@@ -110,46 +104,26 @@ def _weights(rows: pd.DataFrame, metric: str) -> FloatArray:
 def overall(pairs: pd.DataFrame) -> pd.DataFrame:
     """Means over sequences, one row per tracker, the best mean IoU first.
 
-    Each sequence counts once, except that rates of `ok` count each frame once. `low` and `high` bound the mean IoU,
-    `q05` is the mean IoU that only :data:`LOW_QUANTILE` of the sequences fall below.
+    Each sequence counts once, except that rates of `ok` and the columns of GOT-10k count each frame once. `low` and
+    `high` bound the mean IoU, `q05` is the mean IoU that only :data:`LOW_QUANTILE` of the sequences fall below.
+    Ranks are by the sequences that all trackers have run; where there are none, by what each has run.
     """
     rows = []
+    runners = pairs.groupby("sequence")["tracker"].nunique()
+    common = pairs[pairs["sequence"].isin(runners.index[runners == pairs["tracker"].nunique()])]
+    pairs = pairs if common.empty else common
     for tracker, group in pairs.groupby("tracker", sort=False):
         row: dict[str, object] = {"tracker": tracker, "sequences": len(group), "failed": int(group["failed"].sum())}
         for metric in (*METRICS, "perturbed_iou"):
             row[metric] = _weighted_mean(group[metric].to_numpy(float), _weights(group, metric))
         values = group["mean_iou"].dropna().to_numpy(float)
-        row["low"], row["high"] = bootstrap_interval(values)
+        # No mean of shares lies outside of 0 to 1, wherever the formula's ends are.
+        row["low"], row["high"] = np.clip(mean_interval(values), 0.0, 1.0)
         row["q05"] = float(np.quantile(values, LOW_QUANTILE)) if values.size else float("nan")
         rows.append(row)
     columns = ["tracker", "sequences", "failed", *METRICS, "perturbed_iou", "low", "high", "q05"]
     table = pd.DataFrame(rows, columns=columns)
     return table.sort_values("mean_iou", ascending=False, kind="stable", ignore_index=True)
-
-
-def bootstrap_interval(values: FloatArray, statistic: Callable[..., FloatArray] = np.mean) -> tuple[float, float]:
-    """Percentile interval of a statistic of independent values (one per sequence), by resampling with a fixed seed.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        NaN are left out.
-    statistic : callable, optional
-        Takes an array and ``axis=1``.
-
-    Returns
-    -------
-    (float, float)
-        Bounds that hold :data:`COVERAGE` of the resampled statistics; NaN for fewer than two values.
-    """
-    known = np.asarray(values, dtype=np.float64)
-    known = known[np.isfinite(known)]
-    if known.size < 2:
-        return float("nan"), float("nan")
-    chosen = np.random.default_rng(_SEED).integers(0, known.size, (_RESAMPLES, known.size))
-    tail = 50.0 * (1.0 - COVERAGE)
-    low, high = np.percentile(statistic(known[chosen], axis=1), [tail, 100.0 - tail])
-    return float(low), float(high)
 
 
 def differences(pairs: pd.DataFrame, tracker: str, metric: str = "mean_iou") -> pd.DataFrame:
@@ -159,15 +133,17 @@ def differences(pairs: pd.DataFrame, tracker: str, metric: str = "mean_iou") -> 
     -------
     DataFrame
         One row per other tracker: mean difference (positive: `tracker` is better by that), its interval `low` to
-        `high`, sequences won (by more than 0.02), lost and even, and the worst loss with its sequence.
+        `high` (so wide that with all trackers equal one table in twenty shows any difference), sequences won (by
+        more than 0.02), lost and even, and the worst loss with its sequence.
     """
     wide = pairs.pivot(index="sequence", columns="tracker", values=metric)
     rows = []
-    for other in wide.columns.drop(tracker, errors="ignore"):
+    others = wide.columns.drop(tracker, errors="ignore")
+    for other in others:
         gap = (wide[tracker] - wide[other]).dropna()
         if gap.empty:
             continue
-        low, high = bootstrap_interval(gap.to_numpy(float))
+        low, high = mean_interval(gap.to_numpy(float), comparisons=len(others))
         won, lost = int((gap > 0.02).sum()), int((gap < -0.02).sum())
         worst = {"worst": float(gap.min()), "worst_sequence": str(gap.idxmin())}
         counts = {"won": won, "lost": lost, "even": len(gap) - won - lost}
@@ -268,7 +244,8 @@ def calibration(scored: Iterable[ScoredRun]) -> dict[str, pd.DataFrame]:
     -------
     dict of str to DataFrame
         For each tracker that gives a score: one row per tenth of it, with the mean `score`, the share of frames with
-        the target really `located` (visible and IoU ≥ 0.5) and the number of `frames`.
+        the target really `located` (visible and IoU ≥ 0.5), its interval `low` to `high` between sequences, and the
+        number of `frames`.
     """
     return {tracker: _reliability(values) for tracker, values in _believed(scored).items()}
 
@@ -283,9 +260,9 @@ def score_quality(scored: Iterable[ScoredRun]) -> pd.DataFrame:
         of frames with a score of at least :data:`SURE` whose target is not located.
     """
     rows = {}
-    for tracker, (score, located) in _believed(scored).items():
-        wrong = (score >= SURE) & (located == 0)
-        error = calibration_error(_reliability(np.stack([score, located])))
+    for tracker, values in _believed(scored).items():
+        wrong = (values["score"] >= SURE) & (values["located"] == 0)
+        error = calibration_error(_reliability(values))
         rows[tracker] = {"ece": error, "sure_wrong": float(wrong.mean())}
     return pd.DataFrame.from_dict(rows, orient="index", columns=["ece", "sure_wrong"])
 
@@ -299,24 +276,32 @@ def calibration_error(table: pd.DataFrame) -> float:
     return float(np.average(gaps, weights=table["frames"]))
 
 
-def _believed(scored: Iterable[ScoredRun]) -> dict[str, FloatArray]:
-    """Score of every judged frame and whether its target is located, shape (2, N), of each tracker with a score."""
-    gathered: dict[str, list[FloatArray]] = {}
+def _believed(scored: Iterable[ScoredRun]) -> dict[str, pd.DataFrame]:
+    """Of each tracker with a score, every judged frame: `sequence`, `score` and whether the target is `located`."""
+    gathered: dict[str, list[pd.DataFrame]] = {}
     for item in scored:
         score = item.run.trajectory.score[1:]
         judged = np.isfinite(score) & (item.frames.visible | item.frames.invisible)
         if judged.any():
             located = np.where(item.frames.visible, np.nan_to_num(item.frames.iou) >= 0.5, False)
-            gathered.setdefault(item.run.tracker, []).append(np.stack([score[judged], located[judged]]))
-    return {tracker: np.concatenate(parts, axis=1) for tracker, parts in gathered.items()}
+            columns = {
+                "sequence": item.run.sequence,
+                "score": score[judged],
+                "located": located[judged].astype(float),
+            }
+            gathered.setdefault(item.run.tracker, []).append(pd.DataFrame(columns))
+    return {tracker: pd.concat(parts, ignore_index=True) for tracker, parts in gathered.items()}
 
 
-def _reliability(values: FloatArray) -> pd.DataFrame:
-    score, located = values
-    tenth = np.clip((score * 10).astype(int), 0, 9)
-    table = pd.DataFrame({"tenth": tenth, "score": score, "located": located})
-    grouped = table.groupby("tenth")
-    return grouped.mean().assign(frames=grouped.size()).reset_index(drop=True)
+def _reliability(values: pd.DataFrame) -> pd.DataFrame:
+    tenth = np.clip((values["score"] * 10).astype(int), 0, 9)
+    rows = []
+    for _, part in values.groupby(tenth):
+        by_sequence = part.groupby("sequence")["located"].agg(["sum", "size"])
+        low, high = share_interval(by_sequence["sum"].to_numpy(float), by_sequence["size"].to_numpy(float))
+        means = {"score": part["score"].mean(), "located": part["located"].mean()}
+        rows.append({**means, "low": low, "high": high, "frames": len(part)})
+    return pd.DataFrame(rows, columns=["score", "located", "low", "high", "frames"])
 
 
 def score_before_loss(scored: Iterable[ScoredRun], *, before: int = 20, after: int = 10) -> dict[str, FloatArray]:
@@ -347,20 +332,6 @@ def median_known(rows: FloatArray) -> FloatArray:
         np.median(column[seen]) if seen.any() else np.nan for column, seen in zip(rows.T, known.T, strict=True)
     ]
     return np.array(columns)
-
-
-def wilson_interval(share: FloatArray, count: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """95 % interval of a share, by Wilson's formula: it holds for few frames, and for shares of 0 and 1, too.
-
-    Parameters
-    ----------
-    share, count : ndarray
-        Share found, and among how many.
-    """
-    z = 1.96
-    middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
-    half = z * np.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2) / (1 + z**2 / count)
-    return middle - half, middle + half
 
 
 def speed_table(runs: Iterable[SpeedRun]) -> pd.DataFrame:

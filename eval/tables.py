@@ -11,6 +11,7 @@ import pandas as pd
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from .intervals import median_interval
 from .metrics import METRICS
 from .results import Folder, ResultsError, SpeedRun
 from .sequences import Sequence
@@ -119,14 +120,19 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
 
 
 def _speed_by_tracker(speed: pd.DataFrame) -> pd.DataFrame:
-    """Frames per second, p95 and the ratio to the rival: medians over sequences, and the least ratio."""
+    """Frames per second, p95, the ratio to the rival with its interval: medians over sequences; the least ratio."""
     medians = speed.pivot(index="sequence", columns="tracker", values="median")
     tails = speed.pivot(index="sequence", columns="tracker", values="p95")
     rival = medians[SPEED_RIVAL] if SPEED_RIVAL in medians else pd.Series(np.nan, index=medians.index)
     ratios = medians.rdiv(rival, axis=0)
-    return pd.DataFrame(
+    table = pd.DataFrame(
         {"fps": 1000.0 / medians.median(), "p95_ms": tails.median(), "ratio": ratios.median(), "least": ratios.min()}
     )
+    bounds = [median_interval(ratios[name].to_numpy(float)) for name in ratios.columns]
+    ends = pd.DataFrame(bounds, index=ratios.columns, columns=["ratio_low", "ratio_high"], dtype=float)
+    # CSRT is exactly as fast as CSRT.
+    ends[ends.index == SPEED_RIVAL] = np.nan
+    return table.join(ends)
 
 
 _EXTRA_TITLES = {
@@ -141,12 +147,16 @@ _EXTRA_TITLES = {
     "fps": "fps",
     "p95_ms": "p95 ms",
     "ratio": f"× {SPEED_RIVAL}",
+    "ratio_interval": f"× {SPEED_RIVAL}, 95 %",
     "least": "least ×",
 }
-_COLUMNS = ("mean_iou", "interval", "q05", "auc", "auc_otb", "sr50", "sr75", "precision20", "normalised_precision")
+_COLUMNS = (
+    "mean_iou", "interval", "q05", "auc", "sr50", "sr75", "precision20", "normalised_precision", "auc_otb",
+    "precision_otb", "ao_got10k", "sr50_got10k",
+)  # fmt: skip
 _COLUMNS_AFTER = (
     "perturbed_iou", "false_true", "false_false", "true_off", "sure_wrong", "ece", "failed", "fps", "p95_ms", "ratio",
-    "least",
+    "ratio_interval", "least",
 )  # fmt: skip
 _LONG_TEXT = 40
 _DIGITS = {"fps": 0, "p95_ms": 2, "ratio": 1, "least": 1, "failed": 0, "sequences": 0}
@@ -163,18 +173,25 @@ def format_cell(value: object, column: str = "") -> str:
 def overall_table(summary: Summary) -> pd.DataFrame:
     """The main table as text, with headings; columns in which nothing is known are left out.
 
-    The number of sequences is told where it differs, as it does when a run was interrupted: then rows cannot be
-    compared.
+    The number of sequences is told where it is not that of all, as when a run was interrupted.
     """
     table = summary.overall
-    low, high = table["low"], table["high"]
-    interval = [f"{a:.3f}–{b:.3f}" if np.isfinite(a) else "–" for a, b in zip(low, high, strict=True)]
-    table = table.assign(interval=interval)
-    counts = ["sequences"] if table["sequences"].nunique() > 1 else []
+    table = table.assign(
+        interval=_interval_texts(table["low"], table["high"], 3),
+        ratio_interval=_interval_texts(table["ratio_low"], table["ratio_high"], 1),
+    )
+    counts = ["sequences"] if (table["sequences"] != len(summary.sequences)).any() else []
     kept = [*counts, *(name for name in (*_COLUMNS, *_COLUMNS_AFTER) if table[name].notna().any())]
     texts = {name: [format_cell(value, name) for value in table[name]] for name in ("tracker", *kept)}
     titles = {name: metric.title for name, metric in METRICS.items()} | _EXTRA_TITLES
     return pd.DataFrame({titles[name]: column for name, column in texts.items()})
+
+
+def _interval_texts(low: pd.Series[float], high: pd.Series[float], digits: int) -> list[str] | float:
+    """Both ends in one cell each; NaN for a column of which nothing is known."""
+    if low.isna().all():
+        return float("nan")
+    return [f"{a:.{digits}f}–{b:.{digits}f}" if np.isfinite(a) else "–" for a, b in zip(low, high, strict=True)]
 
 
 def sequence_table(summary: Summary) -> pd.DataFrame:
@@ -194,7 +211,8 @@ def speed_text(runs: list[SpeedRun]) -> pd.DataFrame:
 def speed_overall_text(runs: list[SpeedRun]) -> pd.DataFrame:
     """Speed as text, one row per tracker, the fastest first."""
     table = _speed_by_tracker(speed_table(runs)).sort_values("fps", ascending=False)
-    names = ("fps", "p95_ms", "ratio", "least")
+    table = table.assign(ratio_interval=_interval_texts(table["ratio_low"], table["ratio_high"], 1))
+    names = [name for name in ("fps", "p95_ms", "ratio", "ratio_interval", "least") if table[name].notna().any()]
     texts = {_EXTRA_TITLES[name]: [format_cell(value, name) for value in table[name]] for name in names}
     return pd.DataFrame({"tracker": table.index, **texts})
 

@@ -15,6 +15,7 @@ from eval import rendered
 from eval.__main__ import main
 from eval.accuracy import hidden_paths
 from eval.framesource import FrameSource, FrameSourceError
+from eval.metrics import COUNTS
 from eval.results import COMPLETED, Folder, Run, Trajectory
 from eval.sequences import Sequence, SequenceError, canonical_suite, load_suite, suite_folder
 from eval.statistics import calibration_error, overall
@@ -99,7 +100,7 @@ def test_the_quantile_of_nothing_is_unknown() -> None:
     row = dict.fromkeys(["mean_iou", "perturbed_iou"], float("nan"))
     pairs = pd.DataFrame([{"tracker": "T", "sequence": "s", "failed": 0, **row}])
     pairs = pairs.assign(**{name: np.nan for name in overall(pairs.iloc[:0]).columns if name not in pairs})
-    assert np.isnan(overall(pairs.assign(visible=0.0, invisible=0.0))["q05"][0])
+    assert np.isnan(overall(pairs.assign(**dict.fromkeys(COUNTS, 0.0)))["q05"][0])
 
 
 def test_frames_are_rendered_when_asked_for_and_kept(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from eval.metrics import (
+    COUNTS,
     METRICS,
     clip_boxes,
     frame_scores,
@@ -130,7 +131,7 @@ def test_no_answer_scores_zero() -> None:
     """``ok=False`` on visible frames is IoU 0 and an infinite distance, whatever the box says."""
     reference = walk(5, 1.0)
     found = scores_of(reference, reference, ok=[True] + [False] * 4)
-    for name in ("mean_iou", "auc", "auc_otb", "sr50", "precision20", "normalised_precision"):
+    for name in ("mean_iou", "auc", "sr50", "precision20", "normalised_precision"):
         assert found[name] == 0.0, name
     assert found["false_false"] == 1.0
 
@@ -180,6 +181,74 @@ def test_precision_curve_rises_to_the_share_within_reach(values: list[float]) ->
     assert curve[-1] == np.mean([value <= 50 for value in values])
 
 
+def as_toolkits_count(
+    reference: NDArray[np.float64], visibility: list[float], boxes: NDArray[np.float64], ok: list[bool]
+) -> dict[str, float]:
+    """The columns of OTB and GOT-10k, one frame after another."""
+
+    def cut(box: NDArray[np.float64]) -> list[float]:
+        x, y = min(max(box[0], 0), SIZE[0]), min(max(box[1], 0), SIZE[1])
+        return [x, y, min(max(box[2], 0), SIZE[0] - x), min(max(box[3], 0), SIZE[1] - y)]
+
+    def overlap(a: list[float], b: list[float]) -> float:
+        w = max(min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]), 0)
+        h = max(min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1]), 0)
+        return w * h / (a[2] * a[3] + b[2] * b[3] - w * h)
+
+    held, last = [], boxes[0]
+    for box, located in zip(boxes, ok, strict=True):
+        last = box if located else last
+        held.append(last)
+    otb = [1.0] + [overlap(list(a), list(b)) for a, b in zip(reference[1:], held[1:], strict=True)]
+    far = [0.0] + [
+        float(np.hypot(*(a[:2] + a[2:] / 2 - b[:2] - b[2:] / 2)))
+        for a, b in zip(reference[1:], held[1:], strict=True)
+    ]
+    got = [overlap(cut(reference[t]), cut(held[t])) for t in range(1, len(held)) if visibility[t] > 0]
+    return {
+        "auc_otb": float(np.mean([[value > t / 20 for t in range(21)] for value in otb])),
+        "precision_otb": float(np.mean([value <= 20 for value in far])),
+        "ao_got10k": float(np.mean(got)),
+        "sr50_got10k": float(np.mean([value > 0.5 for value in got])),
+        "covered": len(got),
+    }
+
+
+@given(
+    st.integers(0, 10**6),
+    st.lists(st.booleans(), min_size=12, max_size=12),
+    st.lists(st.sampled_from([0.0, 0.05, 1.0]), min_size=12, max_size=12),
+)
+def test_the_columns_of_the_toolkits_count_as_they_do(seed: int, ok: list[bool], visibility: list[float]) -> None:
+    """The last box is held, frame 0 and hidden frames count for OTB, whatever can be seen counts for GOT-10k."""
+    rng = np.random.default_rng(seed)
+    reference = walk(12, 3.0) + rng.uniform(-14, 2, (12, 1))
+    reference[:, 2:] = rng.uniform(5, 25, (12, 2))
+    boxes = reference + rng.uniform(-8, 8, (12, 4))
+    boxes[:, 2:] = np.maximum(boxes[:, 2:], 1.0)
+    visibility[1] = 1.0
+    found = scores_of(reference, boxes, visibility=visibility, ok=ok)
+    for name, expected in as_toolkits_count(reference, visibility, boxes, ok).items():
+        assert found[name] == pytest.approx(expected, abs=1e-12), name
+
+
+def test_a_lost_object_costs_nothing_where_the_last_box_is_held() -> None:
+    """Of an object that stands still, ``ok=False`` scores 0 here, and 1 in the toolkits."""
+    reference = walk(5, 0.0)
+    found = scores_of(reference, reference, ok=[True] + [False] * 4)
+    assert (found["mean_iou"], found["ao_got10k"], found["precision_otb"]) == (0.0, 1.0, 1.0)
+    assert found["auc_otb"] == pytest.approx(20 / 21)
+
+
+def test_normalised_precision_is_the_share_within_a_fifth_of_the_box() -> None:
+    """LaSOT's value: the distance by the sides of the true box, at most 0.2."""
+    reference = walk(5, 0.0)
+    boxes = reference.copy()
+    boxes[1:, 0] += [3.9, 4.1, 0.0, 0.0]
+    boxes[1:, 1] += [0.0, 0.0, 1.9, 2.1]
+    assert scores_of(reference, boxes)["normalised_precision"] == 0.5
+
+
 def test_lengths_must_agree() -> None:
     """Arrays of different lengths are an error that names them."""
     with pytest.raises(ValueError, match=r"one length, got \[3, 4\]"):
@@ -190,4 +259,4 @@ def test_lengths_must_agree() -> None:
 
 def test_every_metric_is_computed() -> None:
     """The table of metrics and the summary name the same numbers."""
-    assert set(scores_of(walk(3, 1.0), walk(3, 1.0))) == {*METRICS, "visible", "invisible"}
+    assert set(scores_of(walk(3, 1.0), walk(3, 1.0))) == {*METRICS, *COUNTS}

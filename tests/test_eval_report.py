@@ -20,7 +20,6 @@ from eval.report import write_report
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory
 from eval.sequences import Sequence
 from eval.statistics import (
-    bootstrap_interval,
     differences,
     median_known,
     overall,
@@ -28,7 +27,6 @@ from eval.statistics import (
     score_before_loss,
     score_frames,
     speed_table,
-    wilson_interval,
 )
 from eval.tables import Summary, overall_table, sequence_table, speed_overall_text, summarise_folder, write_tables
 
@@ -164,16 +162,28 @@ def test_attributes_group_sequences(summary: Summary) -> None:
     assert table.loc["gray", "Near"] == pytest.approx(16 / 24)
 
 
-def test_bootstrap_covers_the_mean_of_known_draws() -> None:
-    """Of 200 samples of 20 normal values about nine in ten intervals hold the true mean, and all are repeatable."""
-    rng = np.random.default_rng(1)
-    held = 0
-    for _ in range(200):
-        low, high = bootstrap_interval(rng.normal(0.5, 0.1, 20))
-        held += low <= 0.5 <= high
-    assert 175 <= held <= 198
-    assert bootstrap_interval(np.arange(5.0)) == bootstrap_interval(np.arange(5.0))
-    assert np.isnan(bootstrap_interval(np.array([1.0, np.nan]))).all()
+def test_trackers_are_ranked_by_the_sequences_that_all_have_run() -> None:
+    """A tracker that has run the easy ones only gains nothing by it; without common ones each has its own."""
+    from eval.metrics import COUNTS, METRICS
+
+    pairs = pairs_of({"A": [0.9, 0.5, 0.1], "B": [0.8, 0.6, 0.2]}).assign(failed=0, perturbed_iou=np.nan)
+    pairs = pairs.assign(**{name: 0.5 for name in (*METRICS, *COUNTS) if name != "mean_iou"})
+    partial = pairs.drop(pairs.index[(pairs["tracker"] == "A") & (pairs["sequence"] == "s2")])
+    table = overall(partial).set_index("tracker")
+    assert table["sequences"].tolist() == [2, 2]
+    assert table["mean_iou"].to_dict() == {"A": pytest.approx(0.7), "B": pytest.approx(0.7)}
+    disjoint = pairs[(pairs["tracker"] == "A") == (pairs["sequence"] == "s0")]
+    assert overall(disjoint).set_index("tracker")["sequences"].to_dict() == {"A": 1, "B": 2}
+
+
+def test_many_comparisons_have_wider_intervals() -> None:
+    """Each interval is as wide as it must be for all of them to be right together."""
+    own, other = [0.9, 0.5, 0.70, 0.6], [0.8, 0.4, 0.65, 0.4]
+    one = differences(pairs_of({"A": own, "B": other}), "A").iloc[0]
+    many = differences(pairs_of({"A": own, **{f"B{k}": other for k in range(10)}}), "A")
+    assert one["low"] > 0
+    assert (many["low"] < 0).all()
+    assert many["difference"].to_numpy() == pytest.approx(one["difference"])
 
 
 def test_rates_of_ok_weigh_by_frames() -> None:
@@ -181,7 +191,9 @@ def test_rates_of_ok_weigh_by_frames() -> None:
     from eval.metrics import METRICS
 
     rows = pd.DataFrame([{"tracker": "A", "sequence": name, "failed": 0, "perturbed_iou": np.nan} for name in "xy"])
-    rows = rows.assign(**dict.fromkeys(METRICS, 0.5)).assign(visible=[10.0, 10.0], invisible=[10.0, 1.0])
+    rows = rows.assign(**dict.fromkeys(METRICS, 0.5)).assign(
+        visible=[10.0, 10.0], invisible=[10.0, 1.0], covered=10.0
+    )
     rows["false_true"] = [1.0, 0.0]
     assert overall(rows)["false_true"].iloc[0] == pytest.approx(10 / 11)
 
@@ -282,13 +294,6 @@ def test_the_score_round_a_loss_has_a_row_per_sequence(tmp_path: Path) -> None:
     svg = before_loss_plot({"A": rounds}, "A", before=5)
     assert "A, 2 losses" in svg
     assert svg != before_loss_plot({"A": rounds[:1]}, "A", before=5)
-
-
-def test_the_interval_of_a_share_is_wilsons() -> None:
-    """Against values from a table of the formula; one frame says next to nothing, and no end leaves 0 to 1."""
-    low, high = wilson_interval(np.array([0.5, 1.0, 0.0, 0.9]), np.array([10.0, 1.0, 1.0, 1000.0]))
-    np.testing.assert_allclose(low, [0.2366, 0.2065, 0.0, 0.8798], atol=1e-3)
-    np.testing.assert_allclose(high, [0.7634, 1.0, 0.7935, 0.9171], atol=1e-3)
 
 
 def test_the_report_does_without_frames_speed_and_scores(folder: Folder, tmp_path: Path) -> None:
