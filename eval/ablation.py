@@ -119,7 +119,7 @@ def ablation_changes(summaries: Mapping[str, Summary]) -> pd.DataFrame:
     """
     rows = []
     for kind, summary in summaries.items():
-        changes = differences(summary.pairs, WHOLE).set_index("other")
+        changes = differences(summary.pairs, WHOLE, together=False).set_index("other")
         for tracker, count, mean in summary.overall[["tracker", "sequences", "mean_iou"]].itertuples(index=False):
             row = {"part": tracker, "kind": kind, "sequences": count, "mean_iou": mean}
             if tracker in changes.index:

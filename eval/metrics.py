@@ -236,15 +236,15 @@ def _masked(distance: FloatArray, answered: NDArray[np.bool_], visible: NDArray[
 
 def _last_box_held(estimated: FloatArray, ok: NDArray[np.bool_]) -> FloatArray:
     """Boxes as toolkits get them, one for every frame: where nothing is located, the last that was."""
-    located: NDArray[np.bool_] = np.logical_and(ok, np.isfinite(estimated).all(axis=1))
-    located[0] = True  # the start box
+    located = ok & np.isfinite(estimated).all(axis=1)
+    located = np.concatenate([[True], located[1:]])  # the start box
     last = np.maximum.accumulate(np.where(located, np.arange(len(located)), 0))
     return np.asarray(estimated[last])
 
 
 def _as_otb(reference: FloatArray, held: FloatArray) -> tuple[FloatArray, FloatArray]:
     """IoU and distance of the centres (T,) without clipping; the first box is the reference itself."""
-    known = np.isfinite(reference).all(axis=1)
+    known = np.asarray(np.isfinite(reference).all(axis=1))
     first, second = np.where(known[:, np.newaxis], reference, 0.0), held.copy()
     second[0] = first[0]
     iou = _plain_iou(first, second)

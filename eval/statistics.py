@@ -126,15 +126,24 @@ def overall(pairs: pd.DataFrame) -> pd.DataFrame:
     return table.sort_values("mean_iou", ascending=False, kind="stable", ignore_index=True)
 
 
-def differences(pairs: pd.DataFrame, tracker: str, metric: str = "mean_iou") -> pd.DataFrame:
+def differences(
+    pairs: pd.DataFrame, tracker: str, metric: str = "mean_iou", *, together: bool = True
+) -> pd.DataFrame:
     """Compare one tracker with each other one on the sequences that both have run.
+
+    Parameters
+    ----------
+    pairs : DataFrame
+    tracker, metric : str
+    together : bool, optional
+        Intervals so wide that with all trackers equal one table in twenty shows any difference; else each is one to
+        be asked about alone.
 
     Returns
     -------
     DataFrame
         One row per other tracker: mean difference (positive: `tracker` is better by that), its interval `low` to
-        `high` (so wide that with all trackers equal one table in twenty shows any difference), sequences won (by
-        more than 0.02), lost and even, and the worst loss with its sequence.
+        `high`, sequences won (by more than 0.02), lost and even, and the worst loss with its sequence.
     """
     wide = pairs.pivot(index="sequence", columns="tracker", values=metric)
     rows = []
@@ -143,7 +152,7 @@ def differences(pairs: pd.DataFrame, tracker: str, metric: str = "mean_iou") -> 
         gap = (wide[tracker] - wide[other]).dropna()
         if gap.empty:
             continue
-        low, high = mean_interval(gap.to_numpy(float), comparisons=len(others))
+        low, high = mean_interval(gap.to_numpy(float), comparisons=len(others) if together else 1)
         won, lost = int((gap > 0.02).sum()), int((gap < -0.02).sum())
         worst = {"worst": float(gap.min()), "worst_sequence": str(gap.idxmin())}
         counts = {"won": won, "lost": lost, "even": len(gap) - won - lost}
