@@ -5,6 +5,10 @@ BIN := $(VENV)/bin
 # The other major version of OpenCV, for `make test-matrix`.
 OPENCV4 := opencv-contrib-python-headless~=4.13.0
 OPENCV5 := opencv-contrib-python-headless~=5.0
+# The oldest that pyproject promises, for `make test-oldest`. NumPy: the oldest that has a wheel for this Python; from
+# Python 3.13 on that is NumPy 2, which OpenCV 4.8 cannot work with.
+OLDEST := "opencv-contrib-python-headless==4.8.*" \
+	"numpy==1.24.*; python_version < '3.12'" "numpy==1.26.*; python_version >= '3.12'"
 # Where the extension is built, and with what: a machine without a compiler gets Clang as the wheel `ziglang` of PyPI.
 BUILD := build/$(notdir $(VENV))
 COMPILER := $(shell for name in "$$CXX" c++ g++ clang++; do command -v "$$name" && break; done)
@@ -14,7 +18,7 @@ ZIG := ZIG="$$($(BIN)/python -m pip install --quiet ziglang && $(BIN)/python -c 
 TOOLCHAIN := -DCMAKE_TOOLCHAIN_FILE=cmake/zig.cmake
 endif
 
-.PHONY: native bench test test-matrix lint bench-flow clean
+.PHONY: native bench test test-matrix test-oldest lint bench-flow clean
 
 # The extension, built into this checkout: a moment when nothing has changed. `make native VENV=/some/.venv` builds it
 # for the Python of an environment elsewhere.
@@ -36,6 +40,10 @@ test-matrix: .venv-cv4/ready .venv-cv5/ready
 	$(MAKE) test VENV=.venv-cv4
 	$(MAKE) test VENV=.venv-cv5
 
+# The same tests on the oldest OpenCV and NumPy that are promised.
+test-oldest: .venv-oldest/ready
+	$(MAKE) test VENV=.venv-oldest
+
 lint: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -46,7 +54,7 @@ bench-flow: native
 	$(BIN)/python -m benchmarks.bench_flow
 
 clean:
-	rm -rf .venv .venv-cv4 .venv-cv5 build results dist hs_tracker_cv/_native/kernels.*.so
+	rm -rf .venv .venv-cv4 .venv-cv5 .venv-oldest build results dist hs_tracker_cv/_native/kernels.*.so
 
 .venv/ready: pyproject.toml
 	$(call setup,.venv,)
@@ -56,6 +64,9 @@ clean:
 
 .venv-cv5/ready: pyproject.toml
 	$(call setup,.venv-cv5,"$(OPENCV5)")
+
+.venv-oldest/ready: pyproject.toml
+	$(call setup,.venv-oldest,$(OLDEST))
 
 # --group needs pip 25.1.
 define setup

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import shutil
 import subprocess
 import sys
@@ -84,3 +85,17 @@ def test_both_versions_of_opencv_are_tested() -> None:
         True
     ] * 2
     assert "\nmake test-matrix\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+def test_the_oldest_that_is_promised_is_tested() -> None:
+    """`make test-oldest` installs what pyproject gives as the least, and continuous integration runs it."""
+    if shutil.which("make") is None:
+        pytest.skip("no make on this machine")
+    promised = re.findall(r'"(opencv-contrib-python-headless|numpy)>=([\d.]+)"', (ROOT / "pyproject.toml").read_text())
+    assert [name for name, _ in promised] == ["opencv-contrib-python-headless", "numpy"]
+    command = ["make", "-n", "--always-make", "test-oldest"]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    for name, version in promised:
+        assert f'"{name}=={version}.*' in answer.stdout
+    assert ".venv-oldest/bin/python -m pytest" in answer.stdout
+    assert "\nmake test-oldest\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
