@@ -201,6 +201,18 @@ def test_a_name_that_is_not_utf8_is_refused_and_not_fatal(tmp_path: Path) -> Non
         str(error.value).encode("utf-8")
 
 
+def test_a_photograph_that_was_turned_is_upright(tmp_path: Path) -> None:
+    """The orientation that cameras write into JPEG files is honoured in folders."""
+    frame = moving_square(1)[0][0]
+    data = cv2.imencode(".jpg", frame)[1].tobytes()
+    entry = struct.pack("<HHHIHH", 1, 0x112, 3, 1, 6, 0)  # one field, the orientation: turned by 90° to the right
+    exif = b"Exif\0\0II*\0" + struct.pack("<I", 8) + entry + bytes(4)
+    marked = data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:]
+    (tmp_path / "0.jpg").write_bytes(marked)
+    (upright,) = _read(tmp_path)
+    assert np.abs(upright.astype(int) - cv2.rotate(frame, cv2.ROTATE_90_CLOCKWISE)).mean() < 8.0
+
+
 def test_a_name_with_a_zero_byte_is_refused() -> None:
     """No operating system has such a file."""
     with pytest.raises(VideoError, match=r"cannot be read \(embedded null"):
@@ -394,6 +406,20 @@ def test_a_video_behind_a_url_is_read(tmp_path: Path, web: str, monkeypatch: pyt
     with pytest.raises(VideoError, match=rf"http://{web}/none.mp4: cannot be opened") as error:
         open_source(f"http://user:secret@{web}/none.mp4?token=secret")
     assert "secret" not in str(error.value)
+
+
+def test_an_interlaced_stream_is_shown_or_refused(tmp_path: Path, web: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a file is; the message keeps the secret."""
+    path = encode(tmp_path / "a.ts", moving_square()[0], *INTERLACED["mpeg2.ts"])
+    monkeypatch.setattr(_Files, "served", path.read_bytes())
+    capture = cv2.VideoCapture(str(path))
+    if np.array_equal(capture.read()[1], capture.read()[1]):
+        with pytest.raises(VideoError, match=rf"http://{web}/clip.ts: is interlaced") as error:
+            open_source(f"http://{web}/clip.ts?token=secret")
+        assert "secret" not in str(error.value)
+    else:
+        with open_source(f"http://{web}/clip.ts?token=secret") as source:
+            assert next(source.frames).std() > 5.0
 
 
 def test_a_live_stream_that_ends_has_gone(web: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import subprocess
@@ -28,10 +29,12 @@ _PROBED = 250  # frames in which a repeated one makes us ask the decoder why
 _GAP_SECONDS, _GAP_SHARE = 1.0, 0.1  # an end without frames that is worth a remark
 _GRAY16 = int.from_bytes(b"Y1\x00\x10", "little")
 
+_SILENCING = ("OPENCV_LOG_LEVEL", "OPENCV_FFMPEG_LOGLEVEL", "OPENCV_FFMPEG_DEBUG")
 _PROBE = """
-import cv2, sys
-capture = cv2.VideoCapture(sys.argv[1])
-for _ in range(int(sys.argv[2]) - 1):
+import cv2, json, sys
+name, count = json.load(sys.stdin)
+capture = cv2.VideoCapture(name)
+for _ in range(count - 1):
     capture.grab()
 capture.read()
 """
@@ -73,6 +76,7 @@ def open_stream(url: str, start: int, step: int, gain: float | None) -> VideoSou
     if not capture.isOpened():
         raise VideoError(f"{shown}: cannot be opened (no such stream, or an unknown format)")
     reading = _Reading(shown, capture, start, step, gain)
+    reading.begin(url)
     stem = Path(parts.path).stem or parts.hostname or parts.scheme
     frames = reading.frames() if reading.count is not None else reading.live_frames()
     return reading.source("".join(c if c.isalnum() or c in "-_." else "_" for c in stem), frames)
@@ -203,7 +207,7 @@ class _Reading:
             self._capture.release()
             raise VideoError(
                 f"{self._name}: is interlaced, which this OpenCV ({cv2.__version__}) cannot convert; "
-                f"deinterlace it first: ffmpeg -i {Path(file).name} -vf yadif progressive.mkv"
+                f"deinterlace it first: ffmpeg -i {Path(self._name).name} -vf yadif progressive.mkv"
             )
 
     def _next(self, skip: int) -> Image | None:
@@ -234,10 +238,12 @@ def _is_interlaced(file: str, count: int) -> bool:
     """
     if not sys.executable or getattr(sys, "frozen", False):
         return False
-    command = [sys.executable, "-c", _PROBE, file, str(count)]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("OPENCV_")}
+    environment = {name: value for name, value in os.environ.items() if name not in _SILENCING}
     try:
-        said = subprocess.run(command, env=environment, capture_output=True, stdin=subprocess.DEVNULL, timeout=60)
+        # Not on the command line, which others can read: a URL may hold a password.
+        order = json.dumps([file, count]).encode()
+        command = [sys.executable, "-c", _PROBE]
+        said = subprocess.run(command, env=environment, capture_output=True, input=order, timeout=60)
     except (OSError, subprocess.TimeoutExpired):
         return False
     return b"interlaced" in said.stderr + said.stdout
