@@ -91,7 +91,9 @@ def test_the_oldest_that_is_promised_is_tested() -> None:
     """`make test-oldest` installs what pyproject gives as the least, and continuous integration runs it."""
     if shutil.which("make") is None:
         pytest.skip("no make on this machine")
-    promised = re.findall(r'"(opencv-contrib-python-headless|numpy)>=([\d.]+)"', (ROOT / "pyproject.toml").read_text())
+    promised = re.findall(
+        r'"(opencv-contrib-python-headless|numpy)>=([\d.]+)"', (ROOT / "pyproject.toml").read_text()
+    )
     assert [name for name, _ in promised] == ["opencv-contrib-python-headless", "numpy"]
     command = ["make", "-n", "--always-make", "test-oldest"]
     answer = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
