@@ -7,9 +7,10 @@ The truth stays in this process.
 from __future__ import annotations
 
 import hashlib
+import os
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -24,7 +25,17 @@ from .sequences import Sequence
 from .track import whole_box
 from .trackers import TrackerSpec, code_version
 
-__all__ = ["TRACK", "Job", "hidden_paths", "make_jobs", "open_request", "run_jobs", "run_one", "start_box"]
+__all__ = [
+    "TRACK",
+    "Job",
+    "hidden_paths",
+    "make_jobs",
+    "open_request",
+    "run_jobs",
+    "run_one",
+    "start_box",
+    "with_parameters",
+]
 
 TRACK = "eval.track:Track"
 """The service that a tracker's process runs."""
@@ -58,7 +69,7 @@ class Job:
 
     def key(self, version: str) -> str:
         """Hash of all that the trajectory depends on; `version` is what ``code_version(tracker)`` gives."""
-        parts = (_PROTOCOL, version, self.sequence.digest, str(self.start), str(self.repeat))
+        parts = (_PROTOCOL, version, self.sequence.name, self.sequence.digest, str(self.start), str(self.repeat))
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
 
 
@@ -236,7 +247,7 @@ class _Answers:
 def _follow(job: Job, answers: _Answers, limits: Limits, hidden: list[Path], stop: threading.Event | None) -> None:
     left = limits.seconds
     frames = iter(job.sequence.frames)
-    with Child(TRACK, limits, hidden=hidden, stop=stop) as child:
+    with Child(TRACK, with_parameters(limits, job.tracker), hidden=hidden, stop=stop) as child:
 
         def ask(content: Mapping[str, Any], *arrays: Any) -> dict[str, Any]:
             nonlocal left
@@ -264,6 +275,12 @@ def _checked(answer: Mapping[str, Any]) -> dict[str, Any]:
     if len(box) != 4:
         raise ChildError("wrote among its own answers")
     return {"ok": ok, "box": box, "score": score}
+
+
+def with_parameters(limits: Limits, tracker: TrackerSpec) -> Limits:
+    """Limits under which a tracker may also use the files that its parameters name: its weights."""
+    named = (value for value in tracker.params.values() if isinstance(value, str) and os.path.isabs(value))
+    return replace(limits, paths=(*limits.paths, *(value for value in named if os.path.exists(value))))
 
 
 def open_request(job: Job) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -266,16 +267,31 @@ def _open(
 ) -> tuple[Folder, list[Sequence]]:
     """Sequences, and the folder of their results, which says from now on what the last run was about."""
     source, found = _load(suite, dataset, only, frames)
-    folder = Folder(out / f"{kind}{_folder_name(source)}")
-    folder.write_manifest(source, found)
+    folder = _results_of(out, kind, source)
+    folder.write_manifest(source, found, _place(source))
     return folder, found
 
 
-def _folder_name(source: str) -> str:
+def _results_of(out: Path, kind: str, source: str) -> Folder:
+    """Folder of results by a name to be read; two data sets of one name have folders of their own."""
+    place = _place(source)
+    what, _, where = source.partition(":")
+    name = suite_folder(where) if what == "suite" else f"{what}-{_paths_of(where)[0].stem}"
+    folder = Folder(out / f"{kind}{name}")
+    if folder.place() in ("", place):
+        return folder
+    return Folder(out / f"{kind}{name}-{hashlib.sha256(place.encode()).hexdigest()[:8]}")
+
+
+def _place(source: str) -> str:
+    """What a folder of results is about: a data set by its full path, draws by their seed and not their number."""
     kind, _, where = source.partition(":")
-    if kind == "suite":
-        return suite_folder(where)
-    return f"{kind}-{Path(where.rpartition('+')[0] or where).expanduser().resolve().stem}"
+    return f"{kind}:{suite_folder(where) if kind == 'suite' else '+'.join(map(str, _paths_of(where)))}"
+
+
+def _paths_of(where: str) -> list[Path]:
+    video, plus, boxes = where.rpartition("+")
+    return [Path(word).expanduser().resolve() for word in ((video, boxes) if plus else (where,))]
 
 
 def _run_with_progress(

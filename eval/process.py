@@ -26,7 +26,7 @@ from typing import Any, BinaryIO, NamedTuple, cast
 import numpy as np
 import psutil
 
-from .sandbox import available, device_paths, make_ruleset, readable_paths
+from .sandbox import available, device_paths, make_ruleset, readable_paths, visible_paths
 from .wire import GarbledError, read_message, write_message
 from .worker import Arrays
 
@@ -72,7 +72,8 @@ class Limits:
     processes : int
         At any time.
     paths : tuple of str
-        Files and folders, besides its own code, that it may read and write: weights, for example.
+        Files and folders, besides its own code, that it may read and write: weights, for example. What is hidden
+        stays so.
     """
 
     seconds: float = 300.0
@@ -192,8 +193,8 @@ class Child:
 
     def _make_rules(self, hidden: list[Path]) -> int | None:
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        writable = [Path(self._scratch), cache, *device_paths(), *map(Path, self._limits.paths)]
-        return make_ruleset(readable_paths(hidden), writable)
+        given = visible_paths([cache, *map(Path, self._limits.paths)], hidden)
+        return make_ruleset(readable_paths(hidden), [Path(self._scratch), *device_paths(), *given])
 
     def ask(self, content: Mapping[str, Any], arrays: Arrays = (), *, seconds: float | None = None) -> Answer:
         """Send a request and wait for its answer.

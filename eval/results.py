@@ -14,6 +14,7 @@ expected one is stale and is written anew.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -182,7 +183,9 @@ def _processor() -> str:
 
 
 def _slug(name: str) -> str:
-    return re.sub(r"[^\w.+-]", "_", name)
+    """Name as part of a path; two names never share one."""
+    safe = re.sub(r"[^\w.+-]", "_", name)
+    return safe if safe == name else f"{safe}-{hashlib.sha256(name.encode()).hexdigest()[:6]}"
 
 
 class Folder:
@@ -196,12 +199,18 @@ class Folder:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def write_manifest(self, source: str, sequences: list[Sequence]) -> None:
-        """Say which sequences the last run was about, and store their truth."""
+    def write_manifest(self, source: str, sequences: list[Sequence], place: str = "") -> None:
+        """Say which sequences the last run was about, and store their truth; `place` is where they come from."""
         for sequence in sequences:
             self._write(self.path / "sequences" / f"{_slug(sequence.name)}.json", _sequence_to_json(sequence))
         names = [sequence.name for sequence in sequences]
-        self._write(self.path / "run.json", {"source": source, "sequences": names, "provenance": provenance()})
+        self._write(
+            self.path / "run.json", {"source": source, "place": place, "sequences": names, "provenance": provenance()}
+        )
+
+    def place(self) -> str:
+        """Source, by its full path, of the results that are here; empty where there are none."""
+        return str(self._read(self.path / "run.json").get("place", "")) if (self.path / "run.json").exists() else ""
 
     def read_manifest(self) -> dict[str, Any]:
         """Return source, sequence names and provenance of the last run."""

@@ -16,7 +16,7 @@ import sysconfig
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-__all__ = ["available", "confine", "device_paths", "make_ruleset", "readable_paths"]
+__all__ = ["available", "confine", "device_paths", "make_ruleset", "readable_paths", "visible_paths"]
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446  # system calls, the same on every architecture
 _VERSION_FLAG, _RULE_PATH_BENEATH, _SET_NO_NEW_PRIVS = 1, 1, 38
@@ -130,7 +130,6 @@ def readable_paths(hidden: Iterable[Path]) -> list[Path]:
     hidden : iterable of Path
         What may not be read, wherever it lies.
     """
-    secret = {path.resolve() for path in hidden}
     homes = {Path(place).resolve() for place in (sys.prefix, sys.base_prefix, sys.exec_prefix)}
     homes |= {Path(place).resolve() for place in sysconfig.get_paths().values()}
     roots = {Path(place).resolve() for place in _SYSTEM} | homes
@@ -138,7 +137,13 @@ def readable_paths(hidden: Iterable[Path]) -> list[Path]:
         place = Path(entry or os.getcwd()).resolve()
         if not homes & {place, *place.parents}:
             roots |= {place} if place.is_file() else set(_modules_in(place))
-    return sorted(path for root in roots for path in _without(root, secret))
+    return visible_paths(roots, hidden)
+
+
+def visible_paths(paths: Iterable[Path], hidden: Iterable[Path]) -> list[Path]:
+    """Paths without those that are hidden, in them or round them."""
+    secret = {path.resolve() for path in hidden}
+    return sorted(path for root in {path.resolve() for path in paths} for path in _without(root, secret))
 
 
 def device_paths() -> list[Path]:

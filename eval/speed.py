@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from .accuracy import ATTEMPTS, TRACK, Job, hidden_paths, open_request, start_box
+from .accuracy import ATTEMPTS, TRACK, Job, hidden_paths, open_request, start_box, with_parameters
 from .clock import Clock, UntrueTimeError
 from .process import Child, ChildError, KilledError, Limits, isolation
 from .results import COMPLETED, Folder, ResultsError, SpeedRun, provenance
@@ -167,7 +167,7 @@ class _Turns:
     def _open(self, tracker: TrackerSpec, first: NDArray[Any]) -> None:
         name = tracker.name
         if name not in self._workers or not self._workers[name][0].running():
-            child = Child(TRACK, self._limits, hidden=self._hidden)
+            child = Child(TRACK, with_parameters(self._limits, tracker), hidden=self._hidden)
             self._workers[name] = child, Clock(child)
         child, _ = self._workers[name]
         child.ask(open_request(Job(tracker, self._sequence)))

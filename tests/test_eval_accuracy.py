@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,11 +20,13 @@ import psutil
 import pytest
 
 from eval import process as protocol
+from eval.__main__ import main
 from eval.accuracy import Job, make_jobs, run_jobs, run_one, start_box
 from eval.datasets import load_dataset
 from eval.metrics import frame_scores, summarise
 from eval.process import Limits
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun
+from eval.sandbox import available
 from eval.sequences import Sequence
 from eval.speed import measure_speed
 from eval.trackers import DEFAULT_TRACKERS, TRACKERS, TrackerSpec, code_version, find_tracker
@@ -179,6 +182,12 @@ def _go_away(self):
     os.chdir("/")
     return True, self.box
 Wanderer = bad("Wanderer", _go_away)
+
+class Weights(Fine):
+    """Reads the file of a parameter."""
+    def init(self, image, box):
+        super().init(image, box)
+        open("/" + self.params["other"] if "other" in self.params else self.params["model"], "rb").read()
 
 class Refusing(Base):
     def init(self, image, box): return False
@@ -345,6 +354,47 @@ def test_a_relative_data_set_survives_a_tracker_that_goes_elsewhere(
     run = run_one(Job(bad("Wanderer"), relative))
     assert run.status == COMPLETED
     assert mean_iou(run, sequence) == pytest.approx(np.mean(STATIC))
+
+
+def test_data_sets_of_one_name_keep_their_results_apart(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """Same folder name, same sequence names, other truth: neither overwrites or reuses anything of the other."""
+    other = tmp_path / "elsewhere" / "data"
+    shutil.copytree(tmp_path / "data", other)
+    (other / "tiny" / "groundtruth_rect.txt").write_text("1,1,30,30\n" * COUNT)
+    out, words = tmp_path / "out", ["run", "--trackers", "bad_trackers:Fine", "--jobs", "1", "--out"]
+    for _ in range(2):
+        for data in (tmp_path / "data", other):
+            assert main([*words, str(out), "--dataset", f"otb:{data}"]) == 0
+    places = {path.parent.name: json.loads(path.read_text())["place"] for path in out.glob("*/run.json")}
+    assert len(places) == 2
+    assert places["otb-data"] == f"otb:{(tmp_path / 'data').resolve()}"
+    boxes = [Folder(out / name).read_sequences()[0].boxes[0].tolist() for name in sorted(places)]
+    assert boxes == [[10, 10, 20, 10], [0, 0, 30, 30]]
+    for name in places:
+        assert [run.status for run in Folder(out / name).read_runs()] == [COMPLETED]
+
+
+def test_names_that_look_alike_as_files_do_not_share_one(tmp_path: Path) -> None:
+    """What a file system does not take is replaced, and told apart."""
+    folder = Folder(tmp_path)
+    names = ["a b", "a_b", "a/b", "a:b", "a"]
+    assert len({folder.run_path("t", name, 0, 0) for name in names}) == len(names)
+    assert folder.run_path("TrackerHS", "a_b", 0, 0).name == "a_b.s0r0.json"
+
+
+@pytest.mark.skipif(not available(), reason="this kernel keeps no process from files")
+def test_weights_that_a_parameter_names_can_be_read(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """What the user gives to a tracker is the tracker's; what lies beside it is not."""
+    for name in ("weights.bin", "secret.bin"):
+        (tmp_path / name).write_bytes(b"w")
+    given = bad("Weights", model=str(tmp_path / "weights.bin"))
+    assert run_one(Job(given, sequence)).status == COMPLETED
+    kept = bad("Weights", model="weights.bin", other=str(tmp_path)[1:] + "/secret.bin")
+    assert run_one(Job(kept, sequence)).status.startswith("raised PermissionError")
 
 
 def test_a_tracker_that_ends_late_is_not_waited_for(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
@@ -662,7 +712,7 @@ def test_an_interrupted_run_goes_on(
     stored = tmp_path / "otb-data" / "tracks"
     try:
         deadline = time.monotonic() + 60.0
-        while not list(stored.glob("*Fine/*.json")) and time.monotonic() < deadline:
+        while not list(stored.glob("*Fine-*/*.json")) and time.monotonic() < deadline:
             time.sleep(0.05)
         process.send_signal(number)
         _, message = process.communicate(timeout=60.0)
@@ -671,7 +721,7 @@ def test_an_interrupted_run_goes_on(
     assert process.returncode == code
     assert said in message
     (finished,) = stored.glob("*/*.json")
-    assert finished.parent.name == "bad_trackers_Fine"
+    assert finished.parent.name.startswith("bad_trackers_Fine-")
     written = finished.stat().st_mtime_ns
     flag.unlink()
     subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True, timeout=120)
