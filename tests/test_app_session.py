@@ -195,6 +195,36 @@ def test_a_rival_that_is_chosen_later_catches_up(session: Session, square: tuple
     assert [step.box for step in session.tracks[1].steps] == kcf
 
 
+def test_an_object_outlives_its_trackers(session: Session, square: tuple[Path, list[Box]]) -> None:
+    """All may be unchosen; one that is chosen then starts where the object was boxed."""
+    session.go_to(3)
+    session.start(square[1][3])
+    session.go_to(6)
+    session.choose([])
+    assert session.tracks == []
+    session.choose(["KCF"])
+    session.go_to(session.index)
+    assert [(track.name, track.start, track.head) for track in session.tracks] == [("KCF", 3, 6)]
+    session.forget()
+    assert session.index == 3
+    session.choose(["TrackerHS"])
+    assert session.tracks == []
+
+
+def test_the_way_back_may_be_cut_short(square: tuple[Path, list[Box]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where earlier frames have to be decoded again, the viewer is not kept waiting."""
+    monkeypatch.setattr(FrameStore.__init__, "__kwdefaults__", {"budget": 1})
+    session = Session(Sources(str(square[0])))
+    session.open("square.mkv")
+    session.go_to(COUNT - 1)
+    assert not session.go_to(5, seconds=0.0)
+    assert session.index == COUNT - 1
+    while not session.go_to(5, seconds=0.0):
+        pass
+    assert session.index == 5
+    session.close()
+
+
 def test_every_rival_of_this_opencv_runs(session: Session, square: tuple[Path, list[Box]]) -> None:
     """And all are asked about the same frames."""
     names = ["TrackerHS", *rivals()]
@@ -204,6 +234,37 @@ def test_every_rival_of_this_opencv_runs(session: Session, square: tuple[Path, l
     session.start(square[1][0])
     session.go_to(3)
     assert [(track.name, track.head) for track in session.tracks] == [(name, 3) for name in names]
+
+
+def test_nano_comes_with_its_models(square: tuple[Path, list[Box]], tmp_path: Path) -> None:
+    """A folder without them adds nothing; models that are none are an error of one line, and change nothing."""
+    assert "TrackerNano" not in rivals(str(tmp_path / "absent"))
+    for part in ("backbone", "head"):
+        (tmp_path / f"nano_{part}.onnx").write_bytes(b"no model")
+    session = Session(Sources(str(square[0])), str(tmp_path))
+    session.open("square.mkv")
+    session.start(square[1][0])
+    with pytest.raises(InputError, match="TrackerNano"):
+        session.choose(["TrackerHS", "TrackerNano"])
+    assert [track.name for track in session.tracks] == session.names == ["TrackerHS"]
+    session.close()
+
+
+def test_nano_follows(real: Path) -> None:
+    """With the models it follows the demo's ball."""
+    session = Session(Sources(), str(real.parent / "models"))
+    if "TrackerNano" not in session.rivals:
+        pytest.skip(f"no models at {real.parent / 'models'}")
+    session.open(DEMO)
+    session.choose(["TrackerNano"])
+    session.start(demonstration.BOX)
+    session.go_to(5)
+    found = session.tracks[0].at(5)
+    assert found is not None
+    assert found.box is not None
+    x, y = demonstration._centre(5)
+    assert iou(found.box, Box(x - 44, y - 44, 88, 88)) > 0.6
+    session.close()
 
 
 def test_a_rival_that_raises_is_lost() -> None:

@@ -10,6 +10,7 @@ from nicegui import ui
 from ..params import MODES as TRACKER_MODES
 from ..params import TrackerHS_Params
 from ..stages import MODES, StageParams
+from ..video import VideoError
 from .export import overlay_webm, panels_png, snippet, table_csv
 from .pictures import colour
 from .tracks import OURS
@@ -144,7 +145,7 @@ class Controls:
     def _save_tables(self) -> None:
         """One file per track; the first is named as hs-track does."""
         if not self._session.tracks:
-            self._page.complain(ValueError("nothing has been followed yet: drag a box first"))
+            self._page.complain(VideoError("nothing has been followed yet: drag a box first"))
         for number, track in enumerate(self._session.tracks):
             suffix = "hs" if number == 0 and track.name == OURS else track.label.replace(" ", ".")
             ui.download.content(table_csv(track), f"{self._stem}.{suffix}.csv", "text/csv")
@@ -160,6 +161,9 @@ class Controls:
             ui.download.content(picture, f"{self._stem}.{self._session.index:06d}.panels.png", "image/png")
 
     def _show_program(self) -> None:
+        if not self._session.opened:
+            self._page.complain(VideoError("there is no video yet: open one first"))
+            return
         code = snippet(self._session, str(self._page.name.value))
         with ui.dialog() as dialog, ui.card().classes("w-full max-w-3xl"):
             ui.label("The same boxes and stages in Python").classes("hs-heading")

@@ -176,7 +176,11 @@ class Page:
         except VideoError as error:
             self.complain(error)
             return
-        await event.file.save(path)
+        try:
+            await event.file.save(path)
+        except OSError as error:
+            self.complain(VideoError(f"{name}: cannot be stored ({error.strerror})"))
+            return
         self.upload.reset()
         self.name.set_options(list(self.session.sources.names))
         self.name.set_value(name)
@@ -329,6 +333,8 @@ class Page:
 
     async def propose(self) -> None:
         """Draw what moves in this frame, to be clicked."""
+        if not self.session.opened:
+            return
         self._play(False)
         regions = await self.do(self.session.regions)
         if regions is not None:
@@ -338,9 +344,11 @@ class Page:
 
     async def follow_first(self) -> None:
         """Go on until something moves and follow that."""
+        if not self.session.opened:
+            return
         self._play(False)
         found, mover = False, FirstMover()
-        while self.session.opened and not found and not self.left:
+        while not found and not self.left:
             before = self.session.index
             found = bool(await self.do(self.session.follow_first_mover, mover, SLICE))
             shown = await run.io_bound(self._render)

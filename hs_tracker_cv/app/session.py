@@ -75,6 +75,7 @@ class Session:
         self.index = -1
         self.frame: Any = None
         self.tracks: list[Track] = []
+        self._objects: dict[int, tuple[Box, int]] = {}
         self.names = [OURS]
         self.parameters = TrackerHS_Params()
         self.stage_params = StageParams()
@@ -123,7 +124,7 @@ class Session:
         if self._store is not None:
             self._store.close()
         self._store = None
-        self.index, self.frame, self.tracks = -1, None, []
+        self.index, self.frame, self.tracks, self._objects = -1, None, [], {}
 
     @_alone
     def go_to(self, target: int, seconds: float = math.inf) -> bool:
@@ -152,6 +153,9 @@ class Session:
         target = max(target, 0)
         while True:
             index = self._next_index(target)
+            while self.store.approach(index):
+                if time.monotonic() >= end and index not in self.store:
+                    return False
             frame = self.store.get(index)
             if frame is None:
                 if self.index >= 0 and index <= self.index:
@@ -200,14 +204,17 @@ class Session:
             If the box is too small or outside; the tracks stay as they were.
         """
         as_roi(box, as_frame(self.frame))
-        kept = self.tracks if add else []
-        number = max((track.number for track in kept), default=0) + 1
+        kept, objects = (self.tracks, self._objects) if add else ([], {})
+        number = max(objects, default=0) + 1
         fresh = [self._track(name, number, box, self.index) for name in self.names]
         self._first_steps(fresh, self.frame)
-        self.tracks = [*kept, *fresh]
+        self.tracks, self._objects = [*kept, *fresh], {**objects, number: (box, self.index)}
 
     def _track(self, name: str, number: int, box: Box, start: int) -> Track:
-        return Track(name, number, box, start, self.parameters, self.rivals.get(name))
+        try:
+            return Track(name, number, box, start, self.parameters, self.rivals.get(name))
+        except cv2.error as error:  # a model that cannot be loaded
+            raise InputError(f"{name} cannot be made: {' '.join(str(error).split())}") from error
 
     def _first_steps(self, tracks: list[Track], frame: Any) -> None:
         for track in tracks:
@@ -229,12 +236,11 @@ class Session:
         """
         known = [OURS, *self.rivals]
         names = [name for name in known if name in names]
-        objects = {track.number: track for track in self.tracks}
         kept = [track for track in self.tracks if track.name in names]
         present = {(track.number, track.name) for track in kept}
         fresh = [
-            self._track(name, number, track.roi, track.start)
-            for number, track in objects.items()
+            self._track(name, number, box, start)
+            for number, (box, start) in self._objects.items()
             for name in names
             if (number, name) not in present
         ]
@@ -270,8 +276,8 @@ class Session:
     @_alone
     def forget(self) -> None:
         """Go back to where the first track began, without tracks."""
-        start = min((track.start for track in self.tracks), default=self.index)
-        self.tracks = []
+        start = min((start for _, start in self._objects.values()), default=self.index)
+        self.tracks, self._objects = [], {}
         if self.opened:
             self.go_to(start)
 
@@ -297,7 +303,7 @@ class Session:
             As `go_to`.
         """
         end = time.monotonic() + seconds
-        self.tracks = []
+        self.tracks, self._objects = [], {}
         while True:
             region = mover.update(self.frame)
             if region is not None:

@@ -10,8 +10,8 @@ from ..video import VideoError, VideoSource
 
 __all__ = ["FrameStore"]
 
-BUDGET = 600_000_000
-"""Bytes of decoded frames that are kept: some 650 frames of 640 × 480."""
+BUDGET = 400_000_000
+"""Bytes of decoded frames that are kept: some 430 frames of 640 × 480."""
 
 
 class FrameStore:
@@ -76,16 +76,27 @@ class FrameStore:
         VideoError
             If the source breaks, once, or has moved on for good; what was read before it stays.
         """
-        if index in self._kept:
-            return self._kept[index]
-        if self._known_count is not None and index >= self._known_count:
-            return None
+        while self.approach(index):
+            pass
+        return self._kept.get(index)
+
+    def __contains__(self, index: int) -> bool:
+        """Whether a frame is kept, and had at once."""
+        return index in self._kept
+
+    def approach(self, index: int) -> bool:
+        """Read one frame on the way to `index`; False when it is there, or there is none.
+
+        Raises
+        ------
+        VideoError
+            As `get`.
+        """
+        if index in self._kept or (self._known_count is not None and index >= self._known_count):
+            return False
         if index < self._next:
             self._rewind(index)
-        while self._next <= index:
-            if not self._read():
-                return None
-        return self._kept[index]
+        return self._read()
 
     def _rewind(self, index: int) -> None:
         if self.live:
