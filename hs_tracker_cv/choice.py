@@ -13,8 +13,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from .geometry import Box
+from .validation import Count, Within
 
 __all__ = ["WITNESS_FRAMES", "Choice", "judge", "size_difference"]
 
@@ -50,12 +52,12 @@ class Choice:
         Frames since `trusted` last changed.
     """
 
-    frames: int = 0
-    log_unexplained: float = 0.0
+    frames: Count = 0
+    log_unexplained: Annotated[float, Within(-100.0, 100.0)] = 0.0
     size_difference: float = 0.0
-    witnessed: int = 0
+    witnessed: Count = 0
     trusted: bool = True
-    since: int = 0
+    since: Count = 0
 
     @property
     def unexplained(self) -> float:

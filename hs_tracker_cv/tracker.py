@@ -32,7 +32,7 @@ from .params import TrackerHS_Params
 from .patches import COLOURS, GRAYS
 from .propagation import PropagationParams, PropagationReport, PropagationState
 from .sighting import Scene, Sighting, Target
-from .validation import Shape, shown, validate
+from .validation import Count, Shape, shown, validate
 
 __all__ = ["TrackerDebug", "TrackerHS", "TrackerHS_create", "TrackerState"]
 
@@ -109,8 +109,8 @@ class TrackerDebug:
 class _Seen:
     """The part of the first frame round the box: OpenCV's own sample gives that frame to `update` too."""
 
-    x0: int
-    y0: int
+    x0: Count
+    y0: Count
     pixels: Annotated[NDArray[Any], Shape("first h", "first w", "channels")]
 
     @classmethod
@@ -148,7 +148,9 @@ class _Track:
         modes = (self.layers is not None, self.propagation is not None)
         if self.options != _options(parameters) or modes != _modes(parameters):
             return False
-        return self.propagation is None or propagation.belongs(self.propagation.geometry, self.options)
+        size = self.video.width, self.video.height
+        segmented = self.layers is None or layers.belongs(self.layers, *size, LAYERS)
+        return segmented and (self.propagation is None or propagation.belongs(self.propagation, *size, self.options))
 
     def named_lengths(self) -> dict[str, int]:
         """Lengths of arrays that follow from the kind of frame, by name."""

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-__all__ = ["LARGEST", "Shape", "Within", "shown", "validate"]
+__all__ = ["LARGEST", "Count", "Shape", "Within", "shown", "validate"]
 
 LARGEST = 2**31 - 1
 """What a single number must not exceed, unless its annotation says something else."""
@@ -66,6 +66,10 @@ class Within:
 
     def __str__(self) -> str:
         return f"between {self.low:g} and {self.high:g}"
+
+
+Count = Annotated[int, Within(0, LARGEST)]
+"""How many, or how long ago."""
 
 
 def validate(value: Any, annotation: Any, path: str) -> None:

@@ -7,6 +7,6 @@ Everything is a pure function from one frozen state to the next.
 from __future__ import annotations
 
 from .state import LayersParams, LayersReport, LayersState
-from .tracking import reseed, start, step, watch
+from .tracking import belongs, reseed, start, step, watch
 
-__all__ = ["LayersParams", "LayersReport", "LayersState", "reseed", "start", "step", "watch"]
+__all__ = ["LayersParams", "LayersReport", "LayersState", "belongs", "reseed", "start", "step", "watch"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Box
-from ..validation import Shape, Within
+from ..validation import Count, Shape, Within
 from .colour import BINS
 
 __all__ = ["Atlas", "Image", "LayersParams", "LayersReport", "LayersState", "Occlusion", "Plane"]
@@ -161,13 +161,13 @@ class Occlusion(NamedTuple):
         Camera translation summed since the start, lattice px: what `sides` are relative to.
     """
 
-    suspected: int = 0
+    suspected: Count = 0
     occluded: bool = False
-    coasting: int = 0
+    coasting: Count = 0
     vanished: bool = False
     sides: tuple[tuple[float, float, float, float], ...] = ()
     speeds: tuple[tuple[float, float], ...] = ()
-    duration: int = 0
+    duration: Count = 0
     missing: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     drift: tuple[float, float] = (0.0, 0.0)
 
@@ -231,7 +231,7 @@ class LayersState:
     """
 
     report: LayersReport
-    count: int
+    count: Count
     step: _Step
     origin: tuple[int, int]
     box: tuple[float, float, float, float]

@@ -202,6 +202,17 @@ def reseed(state: LayersState, frame: Frame, box: Box, params: LayersParams) -> 
     )
 
 
+def belongs(state: LayersState, width: int, height: int, params: LayersParams) -> bool:
+    """Tell whether a state that comes from elsewhere can be one of frames of that size, px.
+
+    Its window shows a part of the frame, and its pixels are no larger than the largest object asks for.
+    """
+    if state.step > lattice_step(max(width, height), params.working_size):
+        return False
+    (x, y), (h, w), k = state.origin, state.gray.shape, state.step
+    return 0 <= x + w and x * k <= width and 0 <= y + h and y * k <= height
+
+
 def _to_lattice(box: Box, k: int) -> tuple[float, float, float, float]:
     return box.x / k, box.y / k, box.w / k, box.h / k
 
@@ -359,7 +370,7 @@ def _conclude(
 
 def _advance(state: LayersState, frame: Frame, params: LayersParams) -> LayersState:
     """Put the state into the window in which the object is expected next."""
-    longest = max(state.box[2], state.box[3])
+    longest = min(max(state.box[2], state.box[3]), max(_extent(frame, state.step)))
     if longest > 1.4 * params.working_size or (state.step > 1 and longest < 0.4 * params.working_size):
         state = memory.rescale(state, lattice_step(longest * state.step, params.working_size))
     margin = _margin(state.box, state.count, state.occlusion.coasting, params)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import anchor
 from ..geometry import Box
-from ..validation import Shape, Within
+from ..validation import Count, Shape, Within
 
 __all__ = [
     "Geometry",
@@ -27,6 +27,8 @@ __all__ = [
     "halved",
     "jump_from",
 ]
+
+_LARGEST = 8.0  # objects larger than that many frames are no objects
 
 F32 = NDArray[np.float32]
 _Fine = Annotated[F32, Shape("fine h", "fine w")]
@@ -284,7 +286,7 @@ class Model(NamedTuple):
     previous: _Fine
     means: Annotated[F32, Shape(4, "fine h", "fine w")]
     keys: Annotated[F32, Shape("keys", "fine h", "fine w")]
-    key_age: int
+    key_age: Count
     histograms: Annotated[F32, Shape(2, "bins")] | None
     located: anchor.CorrelationFilter
 
@@ -308,8 +310,8 @@ class PropagationState(NamedTuple):
     peak: float
     match: float
     colour: float
-    good_frames: int
-    low: int
+    good_frames: Count
+    low: Count
     kept: _Half
     hint: Pose | None
     report: PropagationReport
@@ -340,8 +342,14 @@ def geometry_of(box: Box, p: PropagationParams) -> Geometry:
     )  # fmt: skip
 
 
-def belongs(g: Geometry, p: PropagationParams) -> bool:
-    """Tell whether a geometry that comes from elsewhere is the one of its box."""
+def belongs(state: PropagationState, width: int, height: int, p: PropagationParams) -> bool:
+    """Tell whether a state that comes from elsewhere can be one of frames of that size, px.
+
+    Its geometry follows from its first box; and windows of objects far larger than the frame would fill the memory.
+    """
+    g, poses = state.geometry, [pose for pose in (state.pose, state.hint) if pose]
+    if max(max(g.w * pose.sx, g.h * pose.sy) for pose in poses) > _LARGEST * max(width, height):
+        return False
     pairs = zip(g, geometry_of(Box(0.0, 0.0, g.w, g.h), p), strict=True)
     return all(np.array_equal(np.asarray(one), np.asarray(other)) for one, other in pairs)
 
