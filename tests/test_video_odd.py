@@ -16,6 +16,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from hs_tracker_cv.video import VideoError, VideoSink, VideoSource, open_source
 from hs_tracker_cv.video.container import announced_bytes
@@ -168,6 +170,19 @@ def test_what_a_container_says_of_its_length(tmp_path: Path, head: bytes, length
     path = tmp_path / "file"
     path.write_bytes(head)
     assert announced_bytes(path) == length
+
+
+HEADS = [b"RIFF", b"\x1a\x45\xdf\xa3", b"\0\0\0\x01mdat", b"\0\0\0\x08ftyp", b"\0\0\0\0moov", b""]
+
+
+@given(st.lists(st.sampled_from(HEADS) | st.binary(max_size=20), max_size=6).map(b"".join))
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_garbage_has_some_length_or_none(tmp_path: Path, data: bytes) -> None:
+    """Whatever follows a known head: an answer, no error and no endless search."""
+    path = tmp_path / "garbage"
+    path.write_bytes(data)
+    length = announced_bytes(path)
+    assert length is None or length >= 4
 
 
 NAMES = ["12:30:05.mkv", "a:b.mkv", "file:x.mkv", "pipe:1.mkv", "shot%03d.mkv", "it's #1?.mkv", "日本.mkv", "-x.mkv"]

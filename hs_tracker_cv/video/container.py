@@ -6,6 +6,7 @@ that were dropped. Containers made of nested elements say how long the outermost
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -105,5 +106,7 @@ def _vint(data: bytes) -> tuple[int | None, int]:
 
 
 def _at(file: BinaryIO, place: int, count: int) -> bytes:
+    if place >= os.fstat(file.fileno()).st_size:
+        return b""  # an element may claim to be longer than any place that can be sought
     file.seek(place)
     return file.read(count)
