@@ -2,12 +2,13 @@
 
 from .draw import draw, draw_mixed
 from .parameters import parameters
+from .plain import from_plain, to_plain
 from .render import Truth, render, truth
 from .sequence import Sequence
 from .spec import SequenceSpec
 from .suites import SUITES, canonical, suite
 
 __all__ = [
-    "SUITES", "Sequence", "SequenceSpec", "Truth", "canonical", "draw", "draw_mixed", "parameters", "render", "suite",
-    "truth",
+    "SUITES", "Sequence", "SequenceSpec", "Truth", "canonical", "draw", "draw_mixed", "from_plain", "parameters",
+    "render", "suite", "to_plain", "truth",
 ]  # fmt: skip

@@ -16,6 +16,7 @@ from .preview import contact_sheet
 from .render import render
 from .suites import SUITES, canonical
 from .suites import suite as specs_of
+from .themes import THEMES
 
 _FORMAT_NAMES = ", ".join(FORMATS)
 
@@ -70,7 +71,7 @@ def render_suite(
 
 
 def list_suites() -> None:
-    """List the suites and their sequences."""
+    """List the suites and their sequences, and the themes of the distributions."""
     console = Console()
     for suite, specs in SUITES.items():
         table = Table("sequence", "size", "frames", "attributes", "digest", title=f"{suite} ({len(specs)})")
@@ -78,6 +79,7 @@ def list_suites() -> None:
             size = f"{spec.size[0]} × {spec.size[1]}"
             table.add_row(spec.name, size, str(spec.frames), ", ".join(spec.attributes), spec.digest())
         console.print(table)
+    console.print(f"drawn:N:SEED, drawn/THEME:N:SEED with the themes {', '.join(THEMES)}", highlight=False)
 
 
 def main() -> None:

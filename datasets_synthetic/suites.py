@@ -1,21 +1,22 @@
-"""The suites: which sequences there are, as a literal table.
+"""The suites: which sequences there are.
 
-`smoke` is quick, `standard` is the public one, `develop` is for tuning and `heldout` for reporting (both drawn by
-`themes`). `vanish` has a target that goes out of sight, `vanish_develop` and `vanish_heldout` are the same drawn.
-`compressed` is part of `standard` as JPEG.
+`smoke` is quick, `standard` is the public one, `vanish` has a target that goes out of sight, `compressed` is part of
+`standard` as JPEG: literal tables. `develop`, `heldout`, `vanish_develop` and `vanish_heldout` were drawn once, and
+are kept in `lists.json`. `drawn:N:SEED` is drawn anew, any number of sequences of any seed.
 """
 
 from __future__ import annotations
 
+import json
 import re
 import time
 from dataclasses import replace
+from pathlib import Path as FilePath
 
-from .draw import THEMES as DRAWN_THEMES
-from .draw import draw as draw_theme
-from .draw import draw_mixed
+from .draw import draw, draw_mixed
+from .plain import from_plain
 from .spec import Actor, Camera, Deform, Effect, Motion, Path, Scene, SequenceSpec, Shadow, Texture
-from .themes import THEMES, VANISHING, draw
+from .themes import THEMES
 
 __all__ = ["SUITES", "canonical", "suite"]
 
@@ -634,14 +635,22 @@ _COMPRESSED = tuple(
     )
 )
 
+
+def _kept_lists() -> dict[str, tuple[SequenceSpec, ...]]:
+    text = FilePath(__file__).with_name("lists.json").read_text(encoding="utf-8")
+    return {name: tuple(from_plain(SequenceSpec, each) for each in specs) for name, specs in json.loads(text).items()}
+
+
+_LISTS = _kept_lists()
+
 SUITES: dict[str, tuple[SequenceSpec, ...]] = {
     "smoke": _SMOKE,
     "standard": _STANDARD,
-    "develop": tuple(draw(theme, 1000 + k) for k, theme in enumerate(THEMES)),
-    "heldout": tuple(draw(theme, 2000 + k) for k, theme in enumerate(THEMES)),
+    "develop": _LISTS["develop"],
+    "heldout": _LISTS["heldout"],
     "vanish": _VANISH,
-    "vanish_develop": tuple(draw(theme, 3000 + k) for k, theme in enumerate(VANISHING)),
-    "vanish_heldout": tuple(draw(theme, 4000 + k) for k, theme in enumerate(VANISHING)),
+    "vanish_develop": _LISTS["vanish_develop"],
+    "vanish_heldout": _LISTS["vanish_heldout"],
     "compressed": _COMPRESSED,
 }
 
@@ -676,8 +685,8 @@ def canonical(name: str) -> str:
             "(N sequences; SEED a whole number, or clock)"
         )
     theme, count, seed = found["theme"], int(found["count"]), found["seed"]
-    if theme is not None and theme not in DRAWN_THEMES:
-        raise ValueError(f"unknown theme {theme!r}; known: {', '.join(DRAWN_THEMES)}")
+    if theme is not None and theme not in THEMES:
+        raise ValueError(f"unknown theme {theme!r}; known: {', '.join(THEMES)}")
     if count < 1:
         raise ValueError(f"expected at least 1 sequence, got {name!r}")
     seed = str(int(time.time())) if seed in (None, "clock") else str(int(seed))
@@ -692,5 +701,5 @@ def suite(name: str) -> tuple[SequenceSpec, ...]:
     kind, count, seed = name.split(":")
     _, _, theme = kind.partition("/")
     if theme:
-        return tuple(draw_theme(theme, int(seed), index) for index in range(int(count)))
+        return tuple(draw(theme, int(seed), index) for index in range(int(count)))
     return tuple(draw_mixed(int(seed), index) for index in range(int(count)))

@@ -31,7 +31,7 @@ class FrameSource:
     ----------
     paths : tuple of str
         One image file per frame; or a single ``.npy`` file of shape (T, H, W) or (T, H, W, C); or a single video; or
-        of a drawn sequence the arguments of :func:`eval.rendered.frames_of`: suite, index, digest.
+        of a drawn sequence the arguments of :func:`eval.rendered.frames_of`.
     kind : {"images", "array", "video", "drawn"}
         Which of the four.
     count : int
@@ -80,10 +80,9 @@ class FrameSource:
             yield np.array(frame)
 
     def _drawn(self) -> Iterator[NDArray[Any]]:
-        suite, index, digest = self.paths
         try:
-            frames = rendered.frames_of(suite, int(index), digest)
-        except ValueError as error:
+            frames = rendered.frames_of(*self.paths)
+        except (TypeError, ValueError) as error:
             raise FrameSourceError(str(error)) from error
         for frame in frames:
             yield np.array(frame)

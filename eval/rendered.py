@@ -7,13 +7,13 @@ them, and what has been run needs none.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import tempfile
 import threading
 import time
 from contextlib import suppress
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,10 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from datasets_synthetic import SequenceSpec
 
-__all__ = ["digest_of", "frames_of", "kept_frames"]
+__all__ = ["RENDERERS", "digest_of", "frames_of", "kept_frames", "text_of"]
+
+RENDERERS = ("deform", "effects", "motion", "pose", "render", "shapes", "textures")
+"""Modules of the laboratory that decide about pixels and truth; how a spec came about does not."""
 
 _DAYS = 2.0
 _GIGABYTES = 3.0
@@ -34,11 +37,11 @@ _RENDERING = threading.Lock()
 @lru_cache(maxsize=1)
 def _renderer_version() -> str:
     """Hash of all that the pixels depend on beside the spec."""
+    import datasets_synthetic
+
     digest = hashlib.sha256(f"{cv2.__version__} {np.__version__}".encode())
-    found = find_spec("datasets_synthetic")
-    for root in (found.submodule_search_locations or ()) if found else ():
-        for path in sorted(Path(root).rglob("*.py")):
-            digest.update(path.name.encode() + path.read_bytes())
+    for name in RENDERERS:
+        digest.update(Path(datasets_synthetic.__file__).with_name(f"{name}.py").read_bytes())
     return digest.hexdigest()
 
 
@@ -47,15 +50,20 @@ def digest_of(spec: SequenceSpec) -> str:
     return hashlib.sha256(f"{spec.digest()} {_renderer_version()}".encode()).hexdigest()[:16]
 
 
-def frames_of(suite: str, index: int, digest: str) -> NDArray[np.uint8]:
-    """Frames of one sequence of a suite, from the kept ones or rendered now.
+def text_of(spec: SequenceSpec) -> str:
+    """Spec as JSON: all that is needed to render it."""
+    from datasets_synthetic import to_plain
+
+    return json.dumps(to_plain(spec))
+
+
+def frames_of(text: str, digest: str) -> NDArray[np.uint8]:
+    """Frames of a drawn sequence, from the kept ones or rendered now.
 
     Parameters
     ----------
-    suite : str
-        As ``datasets_synthetic.suite`` takes it.
-    index : int
-        Of the sequence in the suite.
+    text : str
+        Its spec as JSON, see :func:`text_of`.
     digest : str
         What :func:`digest_of` said of it.
 
@@ -67,7 +75,7 @@ def frames_of(suite: str, index: int, digest: str) -> NDArray[np.uint8]:
     Raises
     ------
     ValueError
-        If the sequence is not the one that the digest was taken of, since the laboratory has changed.
+        If the laboratory renders it otherwise than when the digest was taken.
     """
     kept = kept_frames() / f"{digest}.npy"
     # One at a time: threads that follow the same sequence side by side want it rendered once.
@@ -76,18 +84,17 @@ def frames_of(suite: str, index: int, digest: str) -> NDArray[np.uint8]:
             os.utime(kept)
             frames: NDArray[np.uint8] = np.load(kept, mmap_mode="r")
             return frames
-        frames = _render(suite, index, digest)
+        frames = _render(text, digest)
         _keep(frames, kept)
     return frames
 
 
-def _render(suite: str, index: int, digest: str) -> NDArray[np.uint8]:
-    from datasets_synthetic import render
-    from datasets_synthetic import suite as specs_of
+def _render(text: str, digest: str) -> NDArray[np.uint8]:
+    from datasets_synthetic import SequenceSpec, from_plain, render
 
-    spec = specs_of(suite)[index]
+    spec = from_plain(SequenceSpec, json.loads(text))
     if digest_of(spec) != digest:
-        raise ValueError(f"{suite}: the laboratory draws {spec.name} otherwise than it did; run again")
+        raise ValueError(f"the laboratory renders {spec.name} otherwise than it did: run again")
     return render(spec).frames
 
 

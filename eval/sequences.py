@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .framesource import FrameSource
-from .rendered import digest_of
+from .rendered import digest_of, text_of
 from .truthfiles import SequenceError
 
 if TYPE_CHECKING:
@@ -125,14 +125,13 @@ def load_suite(name: str) -> list[Sequence]:
     """
     from datasets_synthetic import suite
 
-    name = canonical_suite(name)
-    return [_from_spec(name, index, spec) for index, spec in enumerate(suite(name))]
+    return [_from_spec(spec) for spec in suite(canonical_suite(name))]
 
 
-def _from_spec(suite: str, index: int, spec: SequenceSpec) -> Sequence:
+def _from_spec(spec: SequenceSpec) -> Sequence:
     from datasets_synthetic import parameters, truth
 
     digest, known = digest_of(spec), truth(spec)
-    source = FrameSource((suite, str(index), digest), "drawn", spec.frames)
+    source = FrameSource((text_of(spec), digest), "drawn", spec.frames)
     shown = parameters(spec) if spec.theme else {}
     return Sequence(spec.name, source, known.boxes, known.visibility, spec.attributes, spec.size, digest, shown)

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from datasets_synthetic import SUITES, SequenceSpec, canonical, draw, draw_mixed, parameters, render, suite
-from datasets_synthetic.draw import NUISANCES, THEMES
+from datasets_synthetic import SUITES, SequenceSpec, canonical, draw, draw_mixed, parameters, render, suite, truth
 from datasets_synthetic.pose import stage_of
+from datasets_synthetic.themes import NUISANCES, THEMES
 
 GONE = {"leaves", "full_occlusion", "empty", "blank"}
 """Themes whose target may be out of sight altogether."""
@@ -140,6 +140,21 @@ def test_what_is_hidden_is_what_the_theme_says() -> None:
     (span,) = empty.spec.target.motion.hidden
     assert (empty.visibility[span[0] : span[1]] == 0).all()
     assert empty.visibility[: span[0]].min() > 0
+
+
+@pytest.mark.parametrize("theme", ["full_occlusion", "leaves"])
+def test_targets_go_out_of_sight_and_come_back(theme: str) -> None:
+    """Nothing of them is seen for a while in the middle, all of them in the end; some come back elsewhere."""
+    kinds = set()
+    for spec in suite(f"drawn/{theme}:16:3"):
+        shares = truth(spec).visibility
+        (hidden,) = np.nonzero(shares == 0)
+        assert len(hidden) >= 1, spec.name
+        assert shares[0] > 0.99, spec.name
+        assert shares[-1] > 0.99, spec.name
+        assert 5 < hidden[0] <= hidden[-1] < spec.frames - 5, spec.name
+        kinds.add(spec.target.motion.path.kind)
+    assert kinds == ({"line", "knots"} if theme == "full_occlusion" else {"knots"})
 
 
 def test_the_distribution_covers_its_ranges() -> None:

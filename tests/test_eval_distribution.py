@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import datasets_synthetic
 from datasets_synthetic import draw, parameters, render
 from eval import rendered
 from eval.__main__ import main
@@ -45,7 +47,7 @@ def make_folder(path: Path, ious: dict[str, float]) -> Folder:
     for name, iou in ious.items():
         boxes = np.tile([10.0, 10.0, 20.0, 20.0], (COUNT, 1))
         drawn = {"theme": name.rpartition("_")[0], "width": 20, name: 1.5}
-        source = FrameSource(("drawn:1:1", "0", "none"), "drawn", COUNT)
+        source = FrameSource(("{}", "none"), "drawn", COUNT)
         sequence = Sequence(name, source, boxes, np.ones(COUNT), (), (64, 48), f"d-{name}", drawn)
         answered = boxes.copy()
         answered[1 : HALF + 1, 3] *= iou
@@ -140,9 +142,23 @@ def test_a_disk_without_room_costs_nothing_but_time(kept: Path) -> None:
 def test_a_laboratory_that_draws_otherwise_is_noticed(kept: Path) -> None:
     """Frames that do not belong to the stored truth are an error, not a wrong score."""
     sequence = load_suite(TINY)[0]
-    stale = replace(sequence.frames, paths=(TINY, "0", "0" * 16))
-    with pytest.raises(FrameSourceError, match="draws small_5_0 otherwise than it did"):
-        next(iter(stale))
+    text, digest = sequence.frames.paths
+    with pytest.raises(FrameSourceError, match="renders small_5_0 otherwise than it did"):
+        next(iter(replace(sequence.frames, paths=(text, "0" * 16))))
+    with pytest.raises(FrameSourceError, match="SequenceSpec"):
+        next(iter(replace(sequence.frames, paths=("[]", digest))))
+
+
+def test_the_modules_that_make_pixels_are_those_that_rendering_imports() -> None:
+    """Results are keyed by neither more nor less than what they depend on; specs are in the key themselves."""
+    folder, found, open_ = Path(datasets_synthetic.__file__).parent, set(), {"render"}
+    while open_:
+        name = open_.pop()
+        found.add(name)
+        tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
+        imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level == 1]
+        open_ |= {str(node.module) for node in imports} - found
+    assert found - {"spec", "sequence"} == set(rendered.RENDERERS)
 
 
 def test_names_of_folders_hold_kind_and_seed() -> None:
