@@ -46,22 +46,22 @@ class Outputs:
         self._panels = VideoSink(panels, source.fps) if options.panels else None
         self._drawn = Panels(options.stages)
         self._json = options.json
-        self._stack = ExitStack()
         self._failed: set[Path] = set()
 
     def __enter__(self) -> Outputs:
         """Begin the table."""
-        with ExitStack() as stack:
-            stack.callback(self._close)
-            self._table.open()
-            self._stack = stack.pop_all()
+        self._table.open()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Finish every file, whatever goes wrong with another."""
-        self._stack.close()
+        with ExitStack() as stack:
+            for sink in (self._overlay, self._panels):
+                if sink is not None:
+                    stack.callback(self._finish, sink)
+            stack.callback(self._table.close)
 
     def write(self, step: Step) -> None:
         """Write a step to every output: the row first, so that a run that is killed has it.
@@ -86,13 +86,6 @@ class Outputs:
         except VideoError:
             self._failed.add(sink.path)
             raise
-
-    def _close(self) -> None:
-        with ExitStack() as stack:
-            for sink in (self._overlay, self._panels):
-                if sink is not None:
-                    stack.callback(self._finish, sink)
-            stack.callback(self._table.close)
 
     def _finish(self, sink: VideoSink) -> None:
         try:
@@ -123,7 +116,11 @@ class _Table:
             self._file = self.path.open("wb", buffering=0)
         except OSError as error:
             raise VideoError(f"{self.path}: cannot be written ({error.strerror})") from error
-        write_header(cast(TextIO, _Whole(self._file, self.path)))
+        try:
+            write_header(cast(TextIO, _Whole(self._file, self.path)))
+        except VideoError:
+            self._file.close()
+            raise
 
     def write(self, step: Step) -> None:
         """Append a row; raises VideoError."""
