@@ -67,6 +67,8 @@ def render_suite(
     except OSError as error:
         reason = f"{error.filename}: cannot be written ({error.strerror})" if error.filename else str(error)
         _fail(reason, 1)
+    except ValueError as error:
+        _fail(str(error), 1)
     console.print(f"{len(specs)} sequences of suite {suite} in {out}", highlight=False, markup=False)
 
 

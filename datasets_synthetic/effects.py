@@ -9,16 +9,16 @@ import math
 from collections.abc import Callable
 from functools import cache
 from statistics import NormalDist
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from .spec import Effect
+    from .spec import Deep, Effect
 
-__all__ = ["BLANKS", "EFFECTS", "ORDER", "SURFACE_EFFECTS", "box_blur"]
+__all__ = ["BLANKS", "EFFECTS", "ORDER", "SURFACE_EFFECTS", "box_blur", "to_bytes", "to_words"]
 
 Image = NDArray[np.float32]
 
@@ -109,6 +109,12 @@ def jpeg(image: Image, effect: Effect, s: float, rng: np.random.Generator) -> Im
 def to_bytes(image: Image) -> NDArray[np.uint8]:
     """Round to uint8, saturating as a sensor does."""
     return np.clip(np.rint(image), 0.0, 255.0).astype(np.uint8)
+
+
+def to_words(image: NDArray[Any], deep: Deep) -> NDArray[np.uint16]:
+    """Grey levels 0–255 in the 16 bits of a deep camera, saturating as its sensor does."""
+    scale = np.float64(deep.high - deep.low) / 255.0
+    return np.clip(np.rint(deep.low + scale * image), 0.0, 65535.0).astype(np.uint16)
 
 
 EFFECTS: dict[str, Callable[[Image, Effect, float, np.random.Generator], Image]] = {

@@ -228,7 +228,11 @@ def write_video(sequence: Sequence, root: Path) -> Path:
     ------
     OSError
         If this OpenCV cannot write FFV1.
+    ValueError
+        If the frames have 16 bits, of which OpenCV's videos keep 8.
     """
+    if sequence.spec.deep:
+        raise ValueError(f"expected frames of 8 bits for a video, {sequence.name} has 16: choose a layout of images")
     folder = _folder(sequence, root)
     height, width = sequence.frames.shape[1:3]
     writer = cv2.VideoWriter(
@@ -292,7 +296,7 @@ def _images(sequence: Sequence, folder: Path, pattern: str, first: int) -> None:
         write_image(folder / pattern.format(t + first), frame)
 
 
-def write_image(path: Path, image: NDArray[np.uint8]) -> None:
+def write_image(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
     """Write a PNG, whatever the name of the file; the folder is made when missing.
 
     Raises

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .effects import to_bytes
 from .sequence import Sequence
 
 __all__ = ["contact_sheet"]
@@ -50,8 +51,16 @@ def _heading(sequence: Sequence, width: int) -> Image:
     return heading
 
 
+def _in_bytes(sequence: Sequence, t: int) -> Image:
+    """Frame t as a screen shows it."""
+    frame, deep = sequence.frames[t], sequence.spec.deep
+    if deep is not None:
+        frame = to_bytes((frame.astype(np.float32) - deep.low) * np.float32(255.0 / (deep.high - deep.low)))
+    return np.asarray(frame, dtype=np.uint8)
+
+
 def _tile(sequence: Sequence, t: int) -> Image:
-    frame = sequence.frames[t]
+    frame = _in_bytes(sequence, t)
     picture = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR) if frame.ndim == 2 else frame
     scale = _WIDTH / picture.shape[1]
     size = (_WIDTH, round(picture.shape[0] * scale))

@@ -7,6 +7,7 @@ exact across a row and sampled eight times down a column.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -14,15 +15,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .effects import BLANKS, EFFECTS, ORDER, SURFACE_EFFECTS, box_blur, to_bytes
+from .effects import BLANKS, EFFECTS, ORDER, SURFACE_EFFECTS, box_blur, to_bytes, to_words
 from .pose import PartPose, Stage, stage_of
 from .sequence import Sequence
 from .spec import Actor, SequenceSpec, Texture
 from .textures import paint, resample, sample
 
-__all__ = ["Truth", "coverage", "render", "truth"]
+__all__ = ["Truth", "coverage", "frames", "render", "truth"]
 
 Image = NDArray[np.float32]
+Frame = NDArray[np.uint8] | NDArray[np.uint16]
 
 _SUBROWS = 8
 _BLUR_SAMPLES = 7
@@ -239,16 +241,23 @@ class _Painter:
         total = sum(image if offset == 0 else self.moment(t + offset, t)[0] for offset in offsets.tolist())
         return np.asarray(total / np.float32(_BLUR_SAMPLES), dtype=np.float32), middle
 
-    def expose(self, image: Image, t: int) -> NDArray[np.uint8]:
+    def expose(self, image: Image, t: int) -> Frame:
         """Light, sensor and encoder."""
+        exposed = self._exposed(image, t)
+        if self.spec.deep is not None:
+            return to_words(exposed, self.spec.deep)
+        return to_bytes(exposed)
+
+    def _exposed(self, image: Image, t: int) -> Image:
+        """Grey levels as they leave the sensor, not rounded yet."""
         rng = np.random.Generator(np.random.SFC64([self.spec.seed, 1, t]))
         blank = self.spec.blank(t)
         if blank:
             gray = any(effect.kind == "gray" for effect in self.spec.effects)
-            return BLANKS[blank.kind](image.shape[:2] if gray else image.shape, rng)
+            return BLANKS[blank.kind](image.shape[:2] if gray else image.shape, rng).astype(np.float32)
         for effect in sorted(self.spec.effects, key=lambda effect: ORDER.index(effect.kind)):
             image = EFFECTS[effect.kind](image, effect, self.spec.fraction(t), rng)
-        return to_bytes(image)
+        return image
 
 
 def _centres(
@@ -358,6 +367,23 @@ def truth(spec: SequenceSpec) -> Truth:
     return Truth(np.array(boxes), np.array(visible), np.array(shares))
 
 
+def frames(spec: SequenceSpec) -> Iterator[Frame]:
+    """Paint one frame after another: memory for one, however long the sequence is.
+
+    Parameters
+    ----------
+    spec : SequenceSpec
+
+    Yields
+    ------
+    ndarray, shape (H, W) or (H, W, 3), uint8 or uint16
+        The same frames as :func:`render` gives.
+    """
+    painter = _Painter(spec)
+    for t in range(spec.frames):
+        yield painter.expose(painter.picture(t)[0], t)
+
+
 def render(spec: SequenceSpec) -> Sequence:
     """Render a sequence.
 
@@ -374,16 +400,17 @@ def render(spec: SequenceSpec) -> Sequence:
     painter = _Painter(spec)
     shape = (spec.frames, spec.size[1], spec.size[0])
     gray = any(effect.kind == "gray" for effect in spec.effects)
-    frames = np.empty(shape if gray else (*shape, 3), np.uint8)
+    depth = np.uint16 if spec.deep else np.uint8
+    pictures = np.empty(shape if gray else (*shape, 3), depth)
     labels, masks = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
     boxes, visible = np.empty((spec.frames, 4)), np.empty((spec.frames, 4))
     visibility = np.empty(spec.frames)
     polygons = []
     for t in range(spec.frames):
         image, canvas = painter.picture(t)
-        frames[t] = painter.expose(image, t)
+        pictures[t] = painter.expose(image, t)
         boxes[t], visible[t], visibility[t], outlines = _target_in(painter, canvas, t)
         labels[t], masks[t] = canvas.labels, canvas.target >= 0.5
         polygons.append(outlines)
     attributes = _frame_attributes(spec, boxes, visibility)
-    return Sequence(spec, frames, boxes, visible, masks, visibility, tuple(polygons), labels, attributes)
+    return Sequence(spec, pictures, boxes, visible, masks, visibility, tuple(polygons), labels, attributes)

@@ -21,7 +21,7 @@ class Sequence:
     Parameters
     ----------
     spec : SequenceSpec
-    frames : ndarray, shape (T, H, W, 3) BGR or (T, H, W) gray, uint8
+    frames : ndarray, shape (T, H, W, 3) BGR or (T, H, W) gray, uint8; uint16 of a deep camera
     boxes : ndarray, shape (T, 4), float64
         Amodal: x, y, w, h of the whole target, px, unclipped, whether it is seen or not; never NaN.
     visible_boxes : ndarray, shape (T, 4), float64
@@ -38,7 +38,7 @@ class Sequence:
     """
 
     spec: SequenceSpec
-    frames: NDArray[np.uint8]
+    frames: NDArray[np.uint8] | NDArray[np.uint16]
     boxes: NDArray[np.float64]
     visible_boxes: NDArray[np.float64]
     masks: NDArray[np.bool_]

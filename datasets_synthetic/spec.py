@@ -14,8 +14,8 @@ from .shapes import SHAPES
 from .textures import TEXTURES
 
 __all__ = [
-    "RENDERER_VERSION", "Actor", "Blank", "Camera", "Deform", "Effect", "Motion", "Path", "Scene", "SequenceSpec",
-    "Shadow", "Texture",
+    "RENDERER_VERSION", "Actor", "Blank", "Camera", "Deep", "Deform", "Effect", "Motion", "Path", "Scene",
+    "SequenceSpec", "Shadow", "Texture",
 ]  # fmt: skip
 
 RENDERER_VERSION = 6
@@ -193,6 +193,20 @@ class Blank:
 
 
 @dataclass(frozen=True)
+class Deep:
+    """Camera of 16 bits, as thermal and scientific ones are: grey level 0 becomes `low` and 255 becomes `high`.
+
+    What lies between two of 256 grey levels is kept, noise included.
+    """
+
+    low: int = 0
+    high: int = 65535
+
+    def __post_init__(self) -> None:
+        _require(0 <= self.low < self.high <= 65535, f"expected 0 <= low < high <= 65535, got {self}")
+
+
+@dataclass(frozen=True)
 class Shadow:
     """Cast shadow: offset from the thing, px, darkening in (0, 1), softness of the edge, px."""
 
@@ -309,6 +323,8 @@ class SequenceSpec:
     blanks : tuple of Blank
     theme : str
         Recipe it was drawn by; empty for one that was made by hand.
+    deep : Deep, optional
+        Frames of 16 bits instead of 8.
     """
 
     name: str
@@ -322,12 +338,15 @@ class SequenceSpec:
     attributes: tuple[str, ...] = ()
     blanks: tuple[Blank, ...] = ()
     theme: str = ""
+    deep: Deep | None = None
 
     def __post_init__(self) -> None:
         _require(self.frames >= 2, f"expected at least 2 frames, got {self.frames}")
         _require(min(self.size) >= 16, f"expected frames of at least 16 × 16 px, got {self.size}")
         for effect in self.effects:
             _known(effect.kind, EFFECTS, "picture effect")
+        compressed = any(effect.kind == "jpeg" for effect in self.effects)
+        _require(not (self.deep and compressed), "expected a deep sequence without jpeg, which has 8 bits")
 
     def digest(self) -> str:
         """Hash of everything that decides the pixels, as 16 hex digits; stable across processes."""

@@ -1,8 +1,9 @@
 """The suites: which sequences there are.
 
 `smoke` is quick, `standard` is the public one, `vanish` has a target that goes out of sight, `compressed` is part of
-`standard` as JPEG: literal tables. `develop`, `heldout`, `vanish_develop` and `vanish_heldout` were drawn once, and
-are kept in `lists.json`. `drawn:N:SEED` is drawn anew, any number of sequences of any seed.
+`standard` as JPEG, `deep` has frames of 16 bits: literal tables. `develop`, `heldout`, `vanish_develop` and
+`vanish_heldout` were drawn once, and are kept in `lists.json`. `drawn:N:SEED` is drawn anew, any number of sequences
+of any seed.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pathlib import Path as FilePath
 
 from .draw import draw, draw_mixed
 from .plain import from_plain
-from .spec import Actor, Camera, Deform, Effect, Motion, Path, Scene, SequenceSpec, Shadow, Texture
+from .spec import Actor, Camera, Deep, Deform, Effect, Motion, Path, Scene, SequenceSpec, Shadow, Texture
 from .themes import THEMES
 
 __all__ = ["SUITES", "canonical", "suite"]
@@ -617,6 +618,18 @@ def _named(name: str) -> SequenceSpec:
     return next(spec for spec in _STANDARD if spec.name == name)
 
 
+_DEEP = (
+    # A thermal camera: gray, eight hundred levels somewhere in 16 bits; a scientific one, which uses all of them.
+    replace(
+        _STANDARD[0], name="deep_thermal", deep=Deep(7300, 8100), effects=(Effect("gray"), Effect("noise", 1.0)),
+        attributes=(*_STANDARD[0].attributes, "16 bit"),
+    ),
+    replace(
+        _STANDARD[1], name="deep_colour", deep=Deep(), effects=(Effect("noise", 1.0),),
+        attributes=(*_STANDARD[1].attributes, "16 bit"),
+    ),
+)  # fmt: skip
+
 _COMPRESSED = tuple(
     _as_jpeg(_named(name), quality)
     for name, quality in (
@@ -652,6 +665,7 @@ SUITES: dict[str, tuple[SequenceSpec, ...]] = {
     "vanish_develop": _LISTS["vanish_develop"],
     "vanish_heldout": _LISTS["vanish_heldout"],
     "compressed": _COMPRESSED,
+    "deep": _DEEP,
 }
 
 _DRAWN = re.compile(r"drawn(?:/(?P<theme>\w+))?:(?P<count>\d+)(?::(?P<seed>\d+|clock))?")

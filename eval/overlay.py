@@ -92,6 +92,9 @@ def _drawn(
     colours: Mapping[str, str],
     zoom: float,
 ) -> Image:
+    if frame.dtype != np.uint8:
+        # Of 16 bits a screen shows 8: those that the frame makes use of.
+        frame = cv2.normalize(frame, None, 0, 255, cv2.NORM_MINMAX, dtype=cv2.CV_8U)  # type: ignore[call-overload]
     coloured = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR) if frame.ndim == 2 or frame.shape[2] == 1 else frame
     method = cv2.INTER_AREA if zoom < 1 else cv2.INTER_LINEAR
     picture: Image = np.asarray(cv2.resize(coloured, None, fx=zoom, fy=zoom, interpolation=method), dtype=np.uint8)

@@ -12,10 +12,11 @@ import os
 import tempfile
 import threading
 import time
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -57,7 +58,7 @@ def text_of(spec: SequenceSpec) -> str:
     return json.dumps(to_plain(spec))
 
 
-def frames_of(text: str, digest: str) -> NDArray[np.uint8]:
+def frames_of(text: str, digest: str) -> Iterable[NDArray[Any]]:
     """Frames of a drawn sequence, from the kept ones or rendered now.
 
     Parameters
@@ -69,8 +70,8 @@ def frames_of(text: str, digest: str) -> NDArray[np.uint8]:
 
     Returns
     -------
-    ndarray, shape (T, H, W) or (T, H, W, 3), uint8
-        Mapped from the disk where they were kept.
+    iterable of T ndarray, shape (H, W) or (H, W, 3), uint8 or uint16
+        Mapped from the disk where they are kept; painted one by one where there is no room for that.
 
     Raises
     ------
@@ -82,34 +83,44 @@ def frames_of(text: str, digest: str) -> NDArray[np.uint8]:
     with _RENDERING:
         with suppress(OSError):
             os.utime(kept)
-            frames: NDArray[np.uint8] = np.load(kept, mmap_mode="r")
-            return frames
-        frames = _render(text, digest)
-        _keep(frames, kept)
+            return _mapped(kept)
+        count, frames = _render(text, digest)
+        with suppress(OSError):
+            _keep(count, frames, kept)
+            return _mapped(kept)
+    return _render(text, digest)[1]
+
+
+def _mapped(kept: Path) -> NDArray[Any]:
+    frames: NDArray[Any] = np.load(kept, mmap_mode="r")
     return frames
 
 
-def _render(text: str, digest: str) -> NDArray[np.uint8]:
-    from datasets_synthetic import SequenceSpec, from_plain, render
+def _render(text: str, digest: str) -> tuple[int, Iterator[NDArray[Any]]]:
+    """Number of frames, and the frames as they are painted."""
+    from datasets_synthetic import SequenceSpec, frames, from_plain
 
     spec = from_plain(SequenceSpec, json.loads(text))
     if digest_of(spec) != digest:
         raise ValueError(f"the laboratory renders {spec.name} otherwise than it did: run again")
-    return render(spec).frames
+    return spec.frames, frames(spec)
 
 
-def _keep(frames: NDArray[np.uint8], kept: Path) -> None:
-    """Write next to the place and move there in one step; where there is no room nothing is kept."""
-    with suppress(OSError):
-        with tempfile.NamedTemporaryFile(dir=kept.parent, suffix=".part", delete=False) as scratch:
-            part = Path(scratch.name)
-            try:
-                np.save(scratch, frames)
-                scratch.close()
-                part.replace(kept)
-            finally:
-                part.unlink(missing_ok=True)
-        _trim(kept)
+def _keep(count: int, frames: Iterator[NDArray[Any]], kept: Path) -> None:
+    """Write one by one, next to the place, and move there in one step; raises OSError where there is no room."""
+    with tempfile.NamedTemporaryFile(dir=kept.parent, suffix=".part", delete=False) as scratch:
+        part = Path(scratch.name)
+        try:
+            for index, frame in enumerate(frames):
+                if index == 0:
+                    header = {"descr": frame.dtype.str, "fortran_order": False, "shape": (count, *frame.shape)}
+                    np.lib.format.write_array_header_1_0(scratch, header)
+                scratch.write(np.ascontiguousarray(frame).data)
+            scratch.close()
+            part.replace(kept)
+        finally:
+            part.unlink(missing_ok=True)
+    _trim(kept)
 
 
 def _trim(kept: Path) -> None:

@@ -28,6 +28,7 @@ from datasets_synthetic.export import (
     write_vot,
 )
 from datasets_synthetic.preview import contact_sheet
+from datasets_synthetic.spec import Deep
 
 
 @pytest.fixture(scope="module")
@@ -159,6 +160,16 @@ def test_video_is_lossless(name: str, request: pytest.FixtureRequest, tmp_path: 
     assert len(frames) == len(rendered)
     for frame, true in zip(frames, rendered.frames, strict=True):
         np.testing.assert_array_equal(frame, cv2.cvtColor(true, cv2.COLOR_GRAY2BGR) if true.ndim == 2 else true)
+
+
+def test_sixteen_bits_are_no_video(hidden: Sequence, tmp_path: Path) -> None:
+    """OpenCV would keep eight of them without a word; the message says what to do, and a preview can be seen."""
+    deep = render(replace(hidden.spec, frames=3, deep=Deep(7300, 8100)))
+    with pytest.raises(ValueError, match=r"expected frames of 8 bits for a video, .* has 16"):
+        write_video(deep, tmp_path)
+    plain = contact_sheet(render(replace(hidden.spec, frames=3)))
+    # The digest in the heading differs.
+    assert np.abs(contact_sheet(deep)[80:].astype(int) - plain[80:]).max() <= 40
 
 
 def test_every_format_leaves_a_manifest(sequence: Sequence, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import math
 import pickle
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 
 import cv2
@@ -15,10 +16,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from datasets_synthetic import SUITES, Sequence, SequenceSpec, render
+from datasets_synthetic import SUITES, Sequence, SequenceSpec, frames, render
 from datasets_synthetic.render import coverage
 from datasets_synthetic.shapes import SHAPES, area
-from datasets_synthetic.spec import Actor, Camera, Deform, Effect, Motion, Path, Scene, Shadow, Texture
+from datasets_synthetic.spec import Actor, Blank, Camera, Deep, Deform, Effect, Motion, Path, Scene, Shadow, Texture
 from datasets_synthetic.textures import resample
 
 SIZE = (160, 120)
@@ -378,3 +379,50 @@ def test_full_turn_shows_the_same_face_again() -> None:
     first, half, last = (sequence.frames[t].astype(int) for t in (0, 4, 8))
     assert np.abs(first - last).max() <= 1
     assert np.abs(first - half)[sequence.masks[0]].mean() > 10
+
+
+@pytest.mark.parametrize("gray", [False, True])
+@pytest.mark.parametrize("deep", [Deep(), Deep(7300, 8100), Deep(0, 255)])
+def test_a_deep_camera_sees_the_same_in_16_bits(deep: Deep, gray: bool) -> None:
+    """Grey level g is low + g (high − low) / 255, rounded once; the truth is the same, blank frames included."""
+    effects = (Effect("gray"),) if gray else ()
+    shallow = spec(actor(STAY), effects=effects, blanks=(Blank("white", 2, 3),))
+    plain, words = render(shallow), render(replace(shallow, deep=deep))
+    assert words.frames.dtype == np.uint16
+    assert words.frames.shape == plain.frames.shape
+    levels = (words.frames.astype(np.float64) - deep.low) * 255.0 / (deep.high - deep.low)
+    step = 255.0 / (deep.high - deep.low)
+    assert np.abs(levels - plain.frames).max() <= 0.5 + step / 2 + 1e-4
+    assert (words.frames[2] == deep.high).all()
+    np.testing.assert_array_equal(words.boxes, plain.boxes)
+    if deep.high > 1000:
+        # It is not the 8 bits spread out.
+        assert len(np.unique(words.frames[0])) > 1.5 * len(np.unique(plain.frames[0]))
+
+
+def test_a_deep_camera_that_cannot_be_is_named() -> None:
+    """Its levels rise, within 16 bits; JPEG has 8."""
+    with pytest.raises(ValueError, match="expected 0 <= low < high <= 65535"):
+        Deep(5, 5)
+    with pytest.raises(ValueError, match="without jpeg"):
+        spec(actor(STAY), deep=Deep(), effects=(Effect("jpeg", 50.0),))
+
+
+@pytest.mark.parametrize("case", SUITES["smoke"], ids=lambda case: case.name)
+def test_frames_one_by_one_are_those_of_the_sequence(case: SequenceSpec) -> None:
+    """Painting without keeping gives the same bytes."""
+    for one, other in zip(frames(case), render(case).frames, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_painting_needs_memory_for_one_frame() -> None:
+    """Eight times as many frames take no more: nothing of those before is kept."""
+    peaks = []
+    for count in (6, 48):
+        case = spec(actor(STAY), frames=count)
+        tracemalloc.start()
+        for frame in frames(case):
+            assert frame.shape == (120, 160, 3)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0]

@@ -104,7 +104,8 @@ def test_digest_does_not_depend_on_the_process() -> None:
 def test_suites_have_what_they_promise() -> None:
     """Sizes, lengths and names are as the documentation says; every sequence has attributes."""
     drawn = {"develop", "heldout", "vanish_develop", "vanish_heldout"}
-    assert {"smoke", "standard", "vanish", "compressed"} | drawn == set(SUITES)
+    assert {"smoke", "standard", "vanish", "compressed", "deep"} | drawn == set(SUITES)
+    assert all(spec.deep for spec in SUITES["deep"])
     assert len(SUITES["smoke"]) == 4
     assert len(SUITES["standard"]) >= 24
     assert len(SUITES["develop"]) == len(SUITES["heldout"]) >= 24

@@ -16,6 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from datasets_synthetic import SUITES, render
 from datasets_synthetic import Sequence as Rendered
 from datasets_synthetic.export import FORMATS
+from datasets_synthetic.spec import Deep
 from eval import datasets
 from eval.datasets import load_dataset
 from eval.framesource import FrameSource, FrameSourceError
@@ -270,12 +271,13 @@ def test_otb_as_published(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def rendered() -> list[Rendered]:
-    """A sequence in colour whose target vanishes, and a gray one, short."""
+    """A sequence in colour whose target vanishes, a gray one, and one of a thermal camera, short."""
     colour, gray = SUITES["smoke"][0], SUITES["smoke"][3]
     motion = replace(colour.target.motion, hidden=((2, 4),))
     return [
         render(replace(colour, frames=8, target=replace(colour.target, motion=motion))),
         render(replace(gray, frames=6)),
+        render(replace(gray, frames=6, name="thermal", deep=Deep(7300, 8100))),
     ]
 
 
@@ -284,6 +286,8 @@ def test_one_truth_through_every_export_and_reader(layout: str, rendered: list[R
     """Boxes, visibility, attributes and pixels come back to the last bit, and so do all scores of a tracker."""
     kind = "otb" if layout == "flow" else layout
     for drawn in rendered:
+        if layout == "video" and drawn.spec.deep:
+            continue
         folder = FORMATS[layout](drawn, tmp_path)
         where = f"{folder / 'video.mkv'}+{folder / 'groundtruth.txt'}" if kind == "video" else str(folder)
         (found,) = load_dataset(f"{kind}:{where}")
