@@ -256,6 +256,10 @@ def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float,
     """
     if pixels.dtype.itemsize == 1:
         return 1.0, 0.0
+    if gain is None and pixels.dtype.kind == "f":
+        low, high = float(pixels.min()), float(pixels.max())  # of what is no number, no number
+        if low >= 0.0 and high <= 255.0:
+            return 255.0 / (255.0 if high > 1.0 else 1.0), 0.0
     low, high = _extremes(pixels)
     if gain is not None:
         return gain, 0.0 if low * gain >= 0.0 and high * gain <= 255.0 else 0.5 * (low + high) - 127.5 / gain

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .flow import HornSchunck, derivatives, normal_flow
-from .flow.params import FlowParams
+from .flow.params import FlowParams, Mode
 from .frames import Frame, as_pair, crop, fixed_errstate, to_gray
 from .geometry import Box
 
@@ -61,7 +61,7 @@ class StageParams:
         If a value is out of range.
     """
 
-    mode: str = "classic"
+    mode: Mode = "classic"
     smoothness: float = 10.0
     iterations: int = 100
     smoothing: float = 1.0
@@ -79,7 +79,7 @@ class StageParams:
             raise ValueError(f"expected max_side of at least 32, got {self.max_side!r}")
 
     @classmethod
-    def preset(cls, mode: str, **others: Any) -> StageParams:
+    def preset(cls, mode: Mode, **others: Any) -> StageParams:
         """The λ and the iterations that `mode` has by itself, with the other values given."""
         flow = FlowParams.preset(mode)
         return cls(**{"mode": mode, "smoothness": flow.smoothness, "iterations": flow.iterations, **others})

@@ -96,10 +96,9 @@ def test_warmup_compiles_every_kernel(installation):
     code = """
 from hs_tracker_cv import anchor, patches
 from hs_tracker_cv.compiling import Kernel
-from hs_tracker_cv.flow import kernels as flow
 from hs_tracker_cv.layers import kernels as layers
 from hs_tracker_cv.propagation import kernels as propagation
-values = [value for module in (flow, layers, propagation, anchor, patches) for value in vars(module).values()]
+values = [value for module in (layers, propagation, anchor, patches) for value in vars(module).values()]
 kernels = [value for value in values if isinstance(value, Kernel)]
 assert len(kernels) > 10
 for kernel in kernels:
@@ -111,20 +110,20 @@ for kernel in kernels:
 def test_compiled_installation_can_become_read_only(installation):
     """Machine code beside the sources is used where it cannot be written; another user compiles nothing."""
     tmp_path, environment = installation
-    run(FLOW, environment)
-    folder = tmp_path / "lib" / "hs_tracker_cv" / "flow" / "__pycache__"
+    run(TRACKER, environment)
+    folder = tmp_path / "lib" / "hs_tracker_cv" / "layers" / "kernels" / "__pycache__"
     assert list(folder.iterdir())
     (tmp_path / "home").write_text("")
     environment["HOME"] = str(tmp_path / "home")
     before = sorted(tmp_path.rglob("*"))
-    run(FLOW + NO_COMPILER, environment)
+    run(TRACKER + NO_COMPILER, environment)
     assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_compiling_after_loading(installation):
     """A process that has loaded machine code uses Numba for its own ends without harm."""
     _, environment = installation
-    run(FLOW, environment)
+    run(TRACKER, environment)
     later = """
 from numba import njit
 @njit
@@ -132,4 +131,4 @@ def total(a):
     return np.linalg.norm(a) + np.ones(3).sum()
 assert total(np.float64([3, 4])) == 8
 """
-    run(FLOW + later, environment)
+    run(TRACKER + later, environment)

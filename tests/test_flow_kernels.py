@@ -1,152 +1,63 @@
-"""The numerical core piece by piece, each against an independent way to the same numbers."""
+"""The parts of the flow one by one, each against an independent way to the same numbers."""
 
 from __future__ import annotations
 
 import itertools
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from hs_tracker_cv.flow import derivatives, kernels, multigrid, pyramid, reference
+import hs_tracker_cv
+from hs_tracker_cv._native import kernels
+from hs_tracker_cv.flow import derivatives, reference
+from hs_tracker_cv.flow.coarse_to_fine import coarse_to_fine, gaussian, level_sizes
 from hs_tracker_cv.flow.params import FlowParams
-from hs_tracker_cv.flow.program import ProgramWriter, area, origin, pixels, spare, stride
+from hs_tracker_cv.flow.workspace import Workspace
 
-H, W = 7, 21
-SHAPE = (H, W)
-SIZE = area(SHAPE)
-IMAGES = [np.zeros((0, 0, channels), np.float32) for channels in (1, 1, 2)]
+SOURCES = Path(hs_tracker_cv.__file__).parent / "_native"
 
 
-def memory(planes, seed=0, shape=SHAPE):
-    """Workspace of random planes, and the index of each plane's first pixel."""
-    size = planes * area(shape) + spare(shape)
-    m = np.random.default_rng(seed).uniform(0, 255, size).astype(np.float32)
-    return m, [i * area(shape) + origin(shape) for i in range(planes)]
-
-
-def inside(m, plane, ring=0, shape=SHAPE):
-    """Pixels of a plane, and those of its ring so deep, as a view."""
-    rows, columns = (n + 2 * ring for n in shape)
-    step = stride(shape[1])
-    first = plane - ring * (step + 1)
-    return np.lib.stride_tricks.as_strided(m[first:], (rows, columns), (4 * step, 4))
-
-
-def pad(m, plane):
-    """Repeat the border of a plane in its ring, in NumPy."""
-    inside(m, plane, 2)[...] = np.pad(inside(m, plane).copy(), 2, mode="edge")
-
-
-def run(m, code, size, *numbers, **options):
-    """Run one step on the memory; return its sum."""
-    writer = ProgramWriter()
-    writer.add(code, size, *numbers, **options)
-    return writer.program().run(m, *IMAGES)
-
-
-def test_pad_repeats_the_border():
-    """The ring holds the nearest pixel, and nothing is written beyond."""
-    m, (a,) = memory(1)
-    expected = m.copy()
-    pad(expected, a)
-    run(m, kernels.PAD, SHAPE, 0, a, rings=1)
-    np.testing.assert_array_equal(m, expected)
-
-
-@pytest.mark.parametrize("width", [1, 7, 15, 16, 17, 33])
-def test_images_are_copied_in_and_out(width):
-    """What is finite of frames and flow comes into planes, and the flow out of them; nothing beyond is written."""
-    shape = (3, width)
-    rng = np.random.default_rng(4)
-    frames = rng.uniform(0, 255, (2, *shape, 1)).astype(np.float32)
-    room = rng.uniform(-9, 9, (4, width, 2)).astype(np.float32)
-    flow, beyond = room[:3], room[3].copy()
-    frames[1, 1, 0], flow[2, 0, 1] = np.nan, -np.inf
-    expected = [*frames[..., 0], *np.moveaxis(flow, -1, 0)]
-    m, planes = memory(4, shape=shape)
-    writer = ProgramWriter()
-    for i in range(2):
-        writer.load(i, planes[i], shape)
-    writer.load_flow(planes[2], area(shape), shape)
-    writer.store_flow(planes[2], area(shape), shape)
-    writer.program().run(m, *frames, flow)
-    for plane, image in zip(planes, expected, strict=True):
-        np.testing.assert_array_equal(pixels(m, plane, shape), np.nan_to_num(image, posinf=0.0, neginf=0.0))
-    np.testing.assert_array_equal(flow, np.stack([pixels(m, plane, shape) for plane in planes[2:]], axis=-1))
-    np.testing.assert_array_equal(room[3], beyond)
-
-
-def test_rings_of_zeros_of_several_planes():
-    """The rings of planes a distance apart are filled with zeros."""
-    m, planes = memory(3)
-    expected = m.copy()
-    for plane in planes:
-        inside(expected, plane, 2)[...] = np.pad(inside(m, plane).copy(), 2)
-    run(m, kernels.PAD, SHAPE, 0, planes[0], 0, SIZE, rings=3, zero=True)
-    np.testing.assert_array_equal(m, expected)
-
-
-@pytest.mark.parametrize("width", [1, 2, 15, 16, 17, 31, 32, 33, 48])
-def test_no_element_outside_of_the_rows_is_written(width):
-    """A formula writes the pixels of its plane and nothing else, whatever part of a block its rows end with."""
-    shape = (3, width)
-    m, (a, b) = memory(2, shape=shape)
-    expected = m.copy()
-    inside(expected, b, shape=shape)[...] += 2 * inside(m, a, shape=shape)
-    run(m, kernels.ADD, shape, a, b, factors=(2.0,))
-    np.testing.assert_allclose(m, expected, rtol=1e-6)
+def planes_of(*images):
+    """Planes that hold these images."""
+    planes = kernels.Planes(len(images), *images[0].shape)
+    for plane, image in enumerate(images):
+        planes[plane][...] = image
+    return planes
 
 
 @pytest.mark.parametrize("width", [1, 15, 16, 17, 40])
 def test_cube_equals_the_reference(width):
-    """The cube's formula gives the paper's derivatives."""
+    """The cube gives the paper's derivatives."""
     frame0, frame1 = np.random.default_rng(2).uniform(2, 255, (2, 6, width)).astype(np.float32)
     for ours, expected in zip(derivatives(frame0, frame1), reference.derivatives(frame0, frame1), strict=True):
         np.testing.assert_allclose(ours, expected, atol=1e-3)
 
 
-@pytest.mark.parametrize("size", [3, 5])
-def test_median_equals_opencv(size):
+@pytest.mark.parametrize("side", [3, 5])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (7, 21), (30, 300), (4, 600)])
+def test_median_equals_opencv(rng, side, shape):
     """The sorting network's median is cv2.medianBlur's, the border repeated."""
-    m, (a, b) = memory(2)
-    image = inside(m, a).copy()
-    pad(m, a)
-    run(m, kernels.MEDIAN, SHAPE, a, b, e=size)
-    np.testing.assert_array_equal(inside(m, b), cv2.medianBlur(image, size))
+    first, second = rng.normal(size=(2, *shape)).astype(np.float32)
+    out = kernels.Planes(2, *shape)
+    kernels.median(planes_of(first, second), out, side)
+    np.testing.assert_array_equal(out[0], cv2.medianBlur(first, side))
+    np.testing.assert_array_equal(out[1], cv2.medianBlur(second, side))
 
 
-@pytest.mark.parametrize("repeat", [1, 4, 5])
-def test_repeated_sweeps_change_places(repeat):
-    """After an even number of turns the result is where it began, after an odd one in the other pair."""
-    m, planes = memory(7, seed=1)
-    m /= 255
-    writer = ProgramWriter()
-    for plane in planes[:2]:
-        writer.add(kernels.PAD, SHAPE, 0, plane, rings=1)
-    result, _ = writer.sweep(planes[0], planes[2], planes[4], SIZE, SHAPE, repeat, (1.0, 0.0))
-    assert result == (planes[0] if repeat % 2 == 0 else planes[2])
-    u, v = inside(m, planes[0]).copy(), inside(m, planes[1]).copy()
-    gx, gy, gt = (inside(m, plane) for plane in planes[4:])
-    for _ in range(repeat):
-        u, v = reference.average(u), reference.average(v)
-        t = gx * u + gy * v + gt
-        u, v = u - gx * t, v - gy * t
-    writer.program().run(m, *IMAGES)
-    np.testing.assert_allclose(inside(m, result), u, rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(inside(m, result + SIZE), v, rtol=1e-4, atol=1e-5)
-
-
-@pytest.mark.parametrize("n", [2, 3, 5, 9, 12])
-def test_exchanges_sort(n):
-    """By the 0–1 principle the network sorts, since it sorts every sequence of zeros and ones."""
-    for values in itertools.product((0, 1), repeat=n):
-        row = list(values)
-        for i, j in kernels.merge_sort_exchanges(n):
-            row[i], row[j] = min(row[i], row[j]), max(row[i], row[j])
-        assert row == sorted(values)
+def networks():
+    """Candidates (rank within the column, then among the columns) and exchanges of the 5 × 5 median's source."""
+    text = (SOURCES / "warping.cpp").read_text(encoding="utf-8")
+    body = text[text.index("inline float median_of_candidates(") :]
+    names = re.findall(r"r(\d)(\d)", body[: body.index("{")])
+    exchanges = re.findall(r"order\(r(\d\d), r(\d\d)\);", body[: body.index("}")])
+    order = ["".join(name) for name in names]
+    result = order.index(re.search(r"return r(\d\d);", body)[1])
+    return [(int(i), int(j)) for i, j in names], [(order.index(a), order.index(b)) for a, b in exchanges], result
 
 
 def test_median_candidates_and_exchanges_suffice():
@@ -155,84 +66,112 @@ def test_median_candidates_and_exchanges_suffice():
     By the 0–1 principle it is enough that zeros and ones come out right. With columns sorted, then ranks, the number
     of ones does not fall from rank to rank, and within a rank ones come last.
     """
+    candidates, exchanges, result = networks()
+    assert (len(candidates), len(exchanges)) == (13, 16)
     for ones in itertools.combinations_with_replacement(range(6), 5):
-        values = [int(column >= 5 - ones[rank]) for rank, column in kernels.MEDIAN_CANDIDATES]
-        for i, j in kernels.MEDIAN_EXCHANGES:
+        values = [int(column >= 5 - ones[rank]) for rank, column in candidates]
+        for i, j in exchanges:
             values[i], values[j] = min(values[i], values[j]), max(values[i], values[j])
-        assert values[6] == int(sum(ones) >= 13)
+        assert values[result] == int(sum(ones) >= 13)
 
 
 def test_warp_is_keys_interpolation():
     """Bicubic samples are exact for a quadratic, at whole pixels are the pixel, outside are masked."""
-    m, (b, u, v, warped, mask, row, *_) = memory(9)
-    y, x = np.mgrid[:H, :W].astype(np.float32)
+    height, width = 7, 300
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    x /= 16
     quadratic = 3 + x * x - 2 * y * y + x * y
-    inside(m, b)[...] = quadratic
-    pad(m, b)
-    inside(m, u)[:], inside(m, v)[:] = 0.0, 0.0
-    inside(m, u)[3, 4], inside(m, v)[3, 4] = 0.3, -0.6
-    inside(m, u)[0, 0] = -0.1
-    run(m, kernels.WARP, SHAPE, b, warped, u, SIZE, mask, row)
+    u, v = np.zeros_like(x), np.zeros_like(x)
+    u[3, 4], v[3, 4] = 0.3, -0.6
+    u[3, 290], v[3, 290] = -0.3, 0.4
+    u[0, 0] = -0.1
+    out = kernels.Planes(2, height, width)
+    kernels.warp(planes_of(x, quadratic), planes_of(u, v), out)
     expected = quadratic.copy()
-    expected[3, 4] = 3 + 4.3**2 - 2 * 2.4**2 + 4.3 * 2.4
-    np.testing.assert_allclose(inside(m, warped), expected, rtol=1e-5)
-    assert inside(m, mask)[0, 0] == 0.0
-    assert inside(m, mask).sum() == H * W - 1
+    for row, column in ((3, 4), (3, 290)):
+        xs, ys = x[row, column] + u[row, column] / 16, y[row, column] + v[row, column]
+        expected[row, column] = 3 + xs * xs - 2 * ys * ys + xs * ys
+    np.testing.assert_allclose(out[0], expected, rtol=1e-5)
+    assert out[1][0, 0] == 0.0
+    assert out[1].sum() == height * width - 1
 
 
-def test_restriction_sums_and_prolongation_keeps_constants():
-    """Restriction gives the sum over 2 × 2 pixels; prolongation of a constant is that constant."""
-    fine, coarse = SHAPE, ((H + 1) // 2, (W + 1) // 2)
-    m, (a, b, c) = memory(3)
-    inside(m, a, 1)[...] = np.pad(np.ones(fine), 1)
-    inside(m, c)[...] = 0.0
-    expected = np.pad(np.ones(fine), ((0, 1), (0, 1))).reshape(coarse[0], 2, coarse[1], 2).sum(axis=(1, 3))
-    run(m, kernels.RESTRICT, coarse, a, b, source_width=W)
-    np.testing.assert_array_equal(inside(m, b, shape=coarse), expected)
-    inside(m, b, 1, shape=coarse)[...] = 4.0
-    for keep, result in ((0.0, 4.0), (1.0, 8.0)):
-        run(m, kernels.PROLONG, fine, b, c, source_width=coarse[1], factors=(keep,))
-        np.testing.assert_allclose(inside(m, c), result)
-
-
-def test_coarse_system_is_the_sum_of_products():
-    """PROJECT sums the products of the scaled derivatives over 2 × 2 pixels; what is missing counts as zero."""
-    m, (*g, b, _, _, _, _) = memory(9)
-    run(m, kernels.PAD, SHAPE, 0, g[0], 0, SIZE, rings=4, zero=True)
-    fx, fy, ft, weight = (np.pad(inside(m, plane), ((0, 1), (0, 1))) for plane in g)
-    coarse = (H // 2 + 1, W // 2 + 1)
-    run(m, kernels.PROJECT, coarse, g[0], b, 0, SIZE, area(coarse), source_width=W)
-    for i, product in enumerate((fx * fx, fx * fy, fy * fy, -ft * fx, -ft * fy)):
-        plane = inside(m, b + i * area(coarse), shape=coarse)
-        product = product * weight
-        expected = product[::2, ::2] + product[1::2, ::2] + product[::2, 1::2] + product[1::2, 1::2]
-        np.testing.assert_allclose(plane, expected, rtol=1e-5)
+@pytest.mark.parametrize("flow", [np.nan, np.inf, -np.inf, 1e30, -1e30])
+def test_warp_reads_inside_whatever_the_flow_is(rng, flow):
+    """A flow that is no number or beyond all bounds samples the border, and is masked."""
+    frame = rng.uniform(1, 2, (5, 20)).astype(np.float32)
+    out = kernels.Planes(2, 5, 20)
+    kernels.warp(planes_of(frame, frame), planes_of(np.full_like(frame, flow), np.zeros_like(frame)), out)
+    assert np.isin(out[0], frame[:, [0, -1]]).all()
+    assert not out[1].any()
 
 
 def test_levels_shrink_by_the_ratio_down_to_the_smallest_side():
     """The pyramid has the sizes asked for, and stops at 16 px or at the number of levels."""
-    levels = pyramid.plan(100, 200, FlowParams.preset("fast", ratio=0.5))
-    assert levels.sizes == ((100, 200), (50, 100), (25, 50))
-    assert pyramid.plan(100, 200, FlowParams.preset("fast", levels=2)).sizes == ((100, 200), (65, 130))
-    assert pyramid.plan(3, 500, FlowParams.preset("fast")).sizes == ((3, 500),)
-    blurs = levels.program.factors[levels.program.steps[:, 0] == kernels.RESAMPLE][:, 1:4]
-    assert len(blurs) == 2 + 2 * 2 + 2 * 2
-    for taps in blurs:
-        assert taps[0] + 2 * (taps[1] + taps[2]) == pytest.approx(1.0, abs=1e-6)
+    assert level_sizes((100, 200), 32, 0.5) == ((100, 200), (50, 100), (25, 50))
+    assert level_sizes((100, 200), 2, 0.65) == ((100, 200), (65, 130))
+    assert level_sizes((3, 500), 32, 0.65) == ((3, 500),)
+    for sigma in (0.3, 0.5, 1.0):
+        centre, near, far = gaussian(sigma)
+        assert centre + 2 * (near + far) == pytest.approx(1.0, abs=1e-6)
+        assert near / centre == pytest.approx(np.exp(-0.5 / sigma**2))
+    assert gaussian(0.0) == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("shape", [(16, 20), (33, 70), (5, 300)])
+def test_levels_are_reduced_as_by_opencv(rng, shape):
+    """A level is the blurred finer one, sampled centre-aligned as cv2.resize does; the flow shrinks with it."""
+    images = rng.uniform(0, 255, (4, *shape)).astype(np.float32)
+    size = tuple(round(0.65 * n) for n in shape)
+    blur = gaussian(0.8)
+    out = kernels.Planes(4, *size)
+    kernels.reduce_frames(planes_of(*images), blur, out)
+    taps = np.array([blur[2], blur[1], blur[0], blur[1], blur[2]])
+    gains = (1.0, 1.0, size[1] / shape[1], size[0] / shape[0])
+    for plane, (image, gain) in enumerate(zip(images, gains, strict=True)):
+        blurred = cv2.sepFilter2D(image, -1, taps, taps, borderType=cv2.BORDER_REPLICATE)
+        y, x = (((np.arange(n) + 0.5) * m / n - 0.5).astype(np.float32) for n, m in zip(size, shape, strict=True))
+        expected = interpolate(blurred, y, x)
+        np.testing.assert_allclose(out[plane], gain * expected, atol=1e-2)
+
+
+def interpolate(image, y, x):
+    """Bilinear samples of an image at rows y and columns x, in float64."""
+    rows, columns = np.arange(image.shape[0]), np.arange(image.shape[1])
+    across = np.stack([np.interp(x, columns, row) for row in image.astype(np.float64)])
+    return np.stack([np.interp(y, rows, column) for column in across.T], axis=1)
 
 
 def test_grids_halve():
     """The multigrid's sizes are halved, rounding up, down to 4 px."""
-    assert multigrid.plan(19, 33, False, 10.0).sizes == ((19, 33), (10, 17), (5, 9), (3, 5))
+    assert kernels.Multigrid(19, 33).sizes() == [(19, 33), (10, 17), (5, 9), (3, 5)]
+    assert kernels.Multigrid(3, 900).sizes() == [(3, 900)]
+
+
+def test_a_solver_is_a_function(rng):
+    """Coarse to fine takes any function that refines a flow in place: here one in NumPy that knows the answer."""
+    frames = rng.uniform(0, 255, (2, 60, 90)).astype(np.float32)
+    flow = np.empty((60, 90, 2), np.float32)
+    shapes, found = [], []
+
+    def solver(images, planes):
+        shapes.append(images[0].shape)
+        found.append(float(planes[0].mean()) / images[0].shape[1])
+        planes[0][...] = 0.05 * images[0].shape[1]
+        planes[1][...] = -0.02 * images[0].shape[0]
+
+    params = FlowParams.preset("fast", ratio=0.5, presmooth=0.0)
+    coarse_to_fine(*frames, solver, flow, False, params, Workspace())
+    assert shapes == [(30, 45), (60, 90)]
+    np.testing.assert_allclose(found, [0.0, 0.05], atol=1e-6)
+    np.testing.assert_allclose(flow, np.broadcast_to((4.5, -1.2), flow.shape), rtol=1e-6)
 
 
 BETWEEN_GUARDS = """
 import ctypes
 import itertools
-import sys
 import numpy as np
-from hs_tracker_cv.flow import multigrid, pyramid
-from hs_tracker_cv.flow.params import FlowParams
+from hs_tracker_cv.flow import HornSchunck
 
 libc, page, maps = ctypes.CDLL(None), 4096, []
 libc.mmap.restype = ctypes.c_void_p
@@ -254,18 +193,13 @@ MODES = {"classic": {}, "solve": {}, "default": {}, "fast": {"median": 3, "deriv
 rng = np.random.default_rng(0)
 for shape in ((1, 1), (5, 1), (2, 17), (16, 16), (33, 31), (40, 96)):
     for at_end, started, mode in itertools.product((False, True), (False, True), MODES):
-        frames = [guarded(at_end, *shape, 1) for _ in range(2)]
-        flow = guarded(at_end, *shape, 2)
-        for image in (*frames, flow):
-            image[...] = rng.uniform(0, 9, image.shape)
-        params = FlowParams.preset(mode, **MODES[mode])
-        if mode == "solve":
-            grids = multigrid.plan(*shape, False, params.smoothness)
-            multigrid.solve(*frames, flow, started, params, grids, guarded(at_end, grids.memory))
-        else:
-            levels = pyramid.plan(*shape, params, started)
-            levels.program.run(guarded(at_end, levels.memory), *frames, flow)
-        assert np.isfinite(flow).all()
+        frames = [guarded(at_end, *shape) for _ in range(2)]
+        guess = guarded(at_end, *shape, 2) if started else None
+        for image in (*frames, guess):
+            if image is not None:
+                image[...] = rng.uniform(0, 9, image.shape)
+        assert np.isfinite(HornSchunck(mode, gain=1.0, **MODES[mode]).calc(*frames, guess)).all()
+        del image, guess, frames
         while maps:
             libc.munmap(*maps.pop())
 """

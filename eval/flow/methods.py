@@ -14,11 +14,14 @@ import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from hs_tracker_cv.flow import Mode
 
 __all__ = ["FLOW_METHODS", "YARDSTICK", "FlowMethod", "MissingLibraryError", "estimate_flow", "flow_method"]
 
@@ -88,7 +91,7 @@ def _zero() -> Callable[[Image, Image], Flow]:
     return lambda first, second: np.zeros((*first.shape[:2], 2), np.float32)
 
 
-def _ours(mode: str) -> Callable[[], Callable[[Image, Image], Flow]]:
+def _ours(mode: Mode) -> Callable[[], Callable[[Image, Image], Flow]]:
     def factory() -> Callable[[Image, Image], Flow]:
         try:
             from hs_tracker_cv.flow import HornSchunck

@@ -1,23 +1,124 @@
 #include "flow.hpp"
 
-#include <cmath>
+#include "levels.hpp"
+
+#include <memory>
+#include <utility>
 
 namespace hs {
+
+void derivatives(const Frames &frames, bool five_tap, const Planes &planes) {
+    const SweepKernels &kernels = level().sweeps;
+    const Plane first = plane(planes, 3), second = plane(planes, 4);
+    kernels.load(frames.first, first);
+    kernels.load(frames.second, second);
+    kernels.derive(first, second, five_tap, slopes(planes, 0));
+}
+
+void classic(const Frames &frames, float *flow, bool started, bool five_tap, float lambda, Index sweeps,
+             const Planes &planes) {
+    const SweepKernels &kernels = level().sweeps;
+    const Pair result = pair(planes, 0), other = pair(planes, 2);
+    const Slopes g = slopes(planes, 4);
+    kernels.load(frames.first, other.u);
+    kernels.load(frames.second, other.v);
+    kernels.scale(other.u, other.v, five_tap, lambda, g, nullptr);
+    if (started) {
+        kernels.load_pair(flow, result);
+    } else {
+        clear(result.u);
+        clear(result.v);
+    }
+    kernels.sweep(result, other, g, sweeps, {1.0f, 0.0f});
+    kernels.store_pair(sweeps % 2 ? other : result, flow);
+}
+
 namespace {
 
-// Copy an image into a plane and fill its ring; what is not finite, or nearly so, becomes 0.
-void load(const Image &image, const Planes &planes, std::ptrdiff_t plane) {
-    for (std::ptrdiff_t y = 0; y < image.height; ++y) {
-        const float *HS_RESTRICT in = image.data + y * image.width;
-        float *HS_RESTRICT out = row(planes, plane, y);
-#pragma omp simd
-        for (std::ptrdiff_t x = 0; x < image.width; ++x) out[x] = std::fabs(in[x]) < 1e30f ? in[x] : 0.0f;
-    }
-    fill_ring(planes, plane, 1.0f);
+// Room for the rows of what is resized, or blurred.
+class Rows {
+  public:
+    Rows(Index width_in, Index width_out) : memory_(new float[resize_room(width_in, width_out)]) {}
+    float *data() const { return memory_.get(); }
+
+  private:
+    std::unique_ptr<float[]> memory_;
+};
+
+// Factors of u and v from the sizes of one level to those of another.
+struct Gain {
+    float u, v;
+};
+
+Gain gain(const Planes &from, const Planes &to) {
+    return {static_cast<float>(static_cast<double>(to.first.width) / static_cast<double>(from.first.width)),
+            static_cast<float>(static_cast<double>(to.first.height) / static_cast<double>(from.first.height))};
 }
+
+bool has_guess(const Planes &frames) { return frames.count == 4; }
 
 } // namespace
 
-extern const FlowKernels HS_JOIN(flow, HS_LEVEL) = {load};
+void load_frames(const Frames &frames, const float *guess, const Taps &blur, const Planes &out, const Plane &scratch) {
+    const SweepKernels &kernels = level().sweeps;
+    const bool blurs = blur.near != 0.0f;
+    const Rows rows(scratch.width, scratch.width);
+    for (Index i = 0; i < 2; ++i) {
+        const Plane target = plane(out, i);
+        kernels.load(i ? frames.second : frames.first, blurs ? scratch : target);
+        if (blurs) level().warping.blur(scratch, target, blur, rows.data());
+    }
+    if (guess) kernels.load_pair(guess, pair(out, 2));
+}
+
+void reduce_frames(const Planes &fine, const Taps &blur, const Planes &out) {
+    const Gain factor = gain(fine, out);
+    const float gains[4] = {1.0f, 1.0f, factor.u, factor.v};
+    const Rows rows(fine.first.width, out.first.width);
+    for (Index i = 0; i < fine.count; ++i)
+        level().warping.resize(plane(fine, i), plane(out, i), gains[i], blur, rows.data());
+}
+
+void begin_flow(const Planes &frames, const Planes &flow) {
+    for (Index i = 0; i < 2; ++i) {
+        const Plane component = plane(flow, i);
+        clear(component);
+        if (has_guess(frames)) level().warping.add(plane(frames, 2 + i), component, 1.0f);
+    }
+}
+
+void expand_flow(const Planes &coarse_frames, const Planes &coarse_flow, const Planes &frames, const Planes &flow) {
+    const WarpKernels &kernels = level().warping;
+    const Gain factor = gain(coarse_flow, flow);
+    const Rows rows(coarse_flow.first.width, flow.first.width);
+    for (Index i = 0; i < 2; ++i) {
+        const Plane coarse = plane(coarse_flow, i), fine = plane(flow, i);
+        if (has_guess(frames)) kernels.add(plane(coarse_frames, 2 + i), coarse, -1.0f);
+        kernels.resize(coarse, fine, i ? factor.v : factor.u, {1.0f, 0.0f, 0.0f}, rows.data());
+        if (has_guess(frames)) kernels.add(plane(frames, 2 + i), fine, 1.0f);
+    }
+}
+
+void refine(const Planes &frames, const Planes &flow, const Refinement &how, const Planes &scratch) {
+    const Level &kernels = level();
+    const Plane first = plane(frames, 0), second = plane(frames, 1), warped = plane(scratch, 0), mask = plane(scratch, 1);
+    const Slopes g = slopes(scratch, 2);
+    Pair now = pair(flow, 0), other = pair(scratch, 5);
+    for (Index i = 0; i < how.warps; ++i) {
+        kernels.warping.warp(second, now, warped, mask);
+        kernels.warping.linearise(first, warped, mask, now, how.five_tap, how.smoothness, how.outlier, g);
+        kernels.sweeps.sweep(now, other, g, how.sweeps, how.relaxation);
+        if (how.sweeps % 2) std::swap(now, other);
+        if (how.median == 1) continue;
+        kernels.warping.median(now.u, other.u, how.median);
+        kernels.warping.median(now.v, other.v, how.median);
+        std::swap(now, other);
+    }
+    if (now.u.data == flow.first.data) return;
+    copy(now.u, plane(flow, 0));
+    copy(now.v, plane(flow, 1));
+}
+
+void store_flow(const Planes &flow, float *out) { level().sweeps.store_pair(pair(flow, 0), out); }
 
 } // namespace hs

@@ -1,9 +1,15 @@
-"""What module.cpp binds."""
+"""What module.cpp binds.
+
+Images are arrays (height, width), flows (height, width, 2), C-contiguous, of float32. Errors name the argument:
+TypeError for another type, ValueError for another shape, layout or size and for results that are read-only.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Float32 = NDArray[np.float32]
+Taps = tuple[float, float, float]
+"""Weights of a symmetric blur: of the centre, the neighbours and the next ones; (1, 0, 0) is none."""
 
 def level() -> str:
     """Name of the instruction set that kernels use: "v2", "v3" or "v4" (of x86-64), or "plain"."""
@@ -21,22 +27,104 @@ def use_level(name: str) -> None:
     """
 
 class Planes:
-    """So many images (height, width) of float32 in one piece of memory, zero at first, laid out for the kernels.
-
-    Parameters
-    ----------
-    count, height, width : int
+    """So many images (height, width) of float32 in one piece of memory, laid out for the kernels.
 
     Raises
     ------
     ValueError
-        If one of them is less than 1.
+        If one of the numbers is less than 1.
     """
 
     def __init__(self, count: int, height: int, width: int) -> None: ...
+    def resize(self, count: int, height: int, width: int) -> None:
+        """Make it so many of another size, with undefined content; memory that is large enough is kept."""
+
     def __len__(self) -> int: ...
     def __getitem__(self, plane: int) -> Float32:
-        """One image; the array shares memory with it."""
+        """One image; the array shares memory with it until the planes are resized."""
 
-def load(image: Float32, planes: Planes, plane: int) -> None:
-    """Copy an image (height, width) into a plane; what is not finite becomes 0."""
+def derivatives(frame0: Float32, frame1: Float32, five_tap: bool, planes: Planes) -> None:
+    """F_x, F_y and F_t of two images into the first three of five planes."""
+
+def classic(
+    frame0: Float32,
+    frame1: Float32,
+    flow: Float32,
+    started: bool,
+    five_tap: bool,
+    smoothness: float,
+    sweeps: int,
+    planes: Planes,
+) -> None:
+    """Sweep so often, from the first guess in `flow` if `started`, else from zero, into `flow`. Seven planes."""
+
+class Multigrid:
+    """The paper's linear system on grids of halved sizes: the parts of its solution, in their order.
+
+    What `begin` and `sweep` return are 2-norms over λ²: of the right-hand side, and of the residual before the last
+    sweep.
+    """
+
+    def __init__(self, height: int, width: int) -> None: ...
+    def sizes(self) -> list[tuple[int, int]]:
+        """Sizes (height, width) of the grids, the finest first."""
+
+    def begin(self, frame0: Float32, frame1: Float32, five_tap: bool, smoothness: float) -> float:
+        """Make the systems of all grids."""
+
+    def guess(self, flow: Float32) -> None:
+        """Take a first guess."""
+
+    def full(self) -> None:
+        """Make a first guess by full multigrid."""
+
+    def sweep(self, count: int, relax: float, quarter_square: float) -> float:
+        """Sweep the finest grid an even number of times, see :func:`~hs_tracker_cv.flow.sweeps.chebyshev`."""
+
+    def correct(self) -> None:
+        """Correct the flow by a V cycle of the coarse grids."""
+
+    def store(self, flow: Float32) -> None:
+        """Copy the flow into an array."""
+
+def load_frames(
+    frame0: Float32, frame1: Float32, guess: Float32 | None, blur: Taps, frames: Planes, scratch: Planes
+) -> None:
+    """Blur two images into two planes, and copy a first guess into two more; what is not finite becomes 0."""
+
+def reduce_frames(fine: Planes, blur: Taps, out: Planes) -> None:
+    """Make the frames of a coarser level, and its first guess, from those of the next finer one."""
+
+def begin_flow(frames: Planes, flow: Planes) -> None:
+    """Begin the coarsest level: with its first guess if it has one, else with zero."""
+
+def expand_flow(coarse_frames: Planes, coarse_flow: Planes, frames: Planes, flow: Planes) -> None:
+    """Begin another level with the flow of the next coarser one; of a first guess only the increment passes."""
+
+class Refinement:
+    """How the flow of a level is refined, see :func:`refine`. `outlier` is the weight of F_t² against a data term."""
+
+    def __init__(
+        self,
+        *,
+        smoothness: float,
+        five_tap: bool,
+        warps: int,
+        sweeps: int,
+        median: int,
+        outlier: float,
+        relax: float,
+        quarter_square: float,
+    ) -> None: ...
+
+def refine(frames: Planes, flow: Planes, how: Refinement, scratch: Planes) -> None:
+    """Warp the second frame, linearise, sweep and take the median, as often as asked for. Seven planes of scratch."""
+
+def warp(frames: Planes, flow: Planes, out: Planes) -> None:
+    """Sample the second frame at (x + u, y + v), bicubic, into `out[0]`; `out[1]` is 1 where that is inside."""
+
+def median(flow: Planes, out: Planes, side: int) -> None:
+    """Median over 3 × 3 or 5 × 5 pixels of each plane."""
+
+def store_flow(flow: Planes, out: Float32) -> None:
+    """Copy two planes into an array."""

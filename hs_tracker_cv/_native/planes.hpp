@@ -10,54 +10,83 @@
 #define HS_JOIN(a, b) HS_JOIN_(a, b)
 #ifdef _MSC_VER
 #define HS_RESTRICT __restrict
+#define HS_NOINLINE __declspec(noinline)
 #else
 #define HS_RESTRICT __restrict__
+#define HS_NOINLINE __attribute__((noinline))
 #endif
 
 namespace hs {
 
-// A gray image as Python has it: rows of `width` pixels without anything between them.
-struct Image {
-    const float *data;
-    std::ptrdiff_t height, width;
+using Index = std::ptrdiff_t;
+
+// An image made for loops without branches: it has a ring of two pixels round it, and between the rows there is room
+// for blocks of 16 pixels that stick out. What is in that room does not count.
+//
+// Kernels fill the rings that they read, so a plane may be written by anybody.
+struct Plane {
+    float *data; // pixel (0, 0)
+    Index height, width;
+    Index stride; // elements from one row to the next
 };
 
-// Planes of one size in one piece of memory, made for loops without branches: each has a ring of two pixels round it,
-// and between the rows there is room for blocks of 16 pixels that stick out. What is in that room does not count.
+// Planes of one size in one piece of memory.
 struct Planes {
-    float *data; // pixel (0, 0) of the first plane
-    std::ptrdiff_t height, width;
-    std::ptrdiff_t stride; // elements from one row to the next
-    std::ptrdiff_t step;   // elements from one plane to the next
+    Plane first;
+    Index count;
+    Index step; // elements from one plane to the next
 };
 
-constexpr std::ptrdiff_t BLOCK = 16; // pixels: what the widest registers hold
-constexpr std::ptrdiff_t RING = 2;   // pixels
+constexpr Index BLOCK = 16; // pixels: what the widest registers hold
+constexpr Index RING = 2;   // pixels
+constexpr Index TILE = 272; // pixels of a row that are computed in one go where rows are buffered; whole blocks
 
-static inline float *row(const Planes &planes, std::ptrdiff_t plane, std::ptrdiff_t y) {
-    return planes.data + plane * planes.step + y * planes.stride;
+static inline Plane plane(const Planes &planes, Index i) {
+    const Plane &first = planes.first;
+    return {first.data + i * planes.step, first.height, first.width, first.stride};
 }
 
-// Width of a row of whole blocks.
-static inline std::ptrdiff_t blocks_width(std::ptrdiff_t width) { return (width + BLOCK - 1) / BLOCK * BLOCK; }
+static inline float *row(const Plane &plane, Index y) { return plane.data + y * plane.stride; }
+
+static inline Index whole_blocks(Index width) { return (width + BLOCK - 1) / BLOCK * BLOCK; }
+
+// Pixels of whole blocks from x on to the end of a row, but at most a tile.
+static inline Index tile_width(const Plane &plane, Index x, Index tile = TILE) {
+    const Index blocks = whole_blocks(plane.width - x);
+    return blocks < tile ? blocks : tile;
+}
+
+// Copy a row of pixels and the ring beside it, times `keep`, to another row.
+static inline void copy_row(const Plane &plane, Index from, Index to, float keep) {
+    const float *HS_RESTRICT in = row(plane, from);
+    float *HS_RESTRICT out = row(plane, to);
+    for (Index x = -RING; x < plane.width + RING; ++x) out[x] = keep * in[x];
+}
 
 // Fill the ring of a plane: from its border (keep = 1) or with zeros (keep = 0).
-static inline void fill_ring(const Planes &planes, std::ptrdiff_t plane, float keep) {
-    const std::ptrdiff_t h = planes.height, w = planes.width;
-    for (std::ptrdiff_t y = 0; y < h; ++y) {
-        float *p = row(planes, plane, y);
+static inline void fill_ring(const Plane &plane, float keep) {
+    const Index w = plane.width;
+    for (Index y = 0; y < plane.height; ++y) {
+        float *p = row(plane, y);
         p[-1] = p[-2] = keep * p[0];
         p[w] = p[w + 1] = keep * p[w - 1];
     }
-    for (std::ptrdiff_t i = 1; i <= RING; ++i) {
-        const float *HS_RESTRICT top = row(planes, plane, 0);
-        const float *HS_RESTRICT bottom = row(planes, plane, h - 1);
-        float *HS_RESTRICT above = row(planes, plane, -i);
-        float *HS_RESTRICT below = row(planes, plane, h - 1 + i);
-        for (std::ptrdiff_t x = -RING; x < w + RING; ++x) {
-            above[x] = keep * top[x];
-            below[x] = keep * bottom[x];
-        }
+    for (Index i = 1; i <= RING; ++i) {
+        copy_row(plane, 0, -i, keep);
+        copy_row(plane, plane.height - 1, plane.height - 1 + i, keep);
+    }
+}
+
+static inline void clear(const Plane &plane) {
+    for (Index y = 0; y < plane.height; ++y)
+        for (Index x = 0; x < plane.width; ++x) row(plane, y)[x] = 0.0f;
+}
+
+static inline void copy(const Plane &from, const Plane &to) {
+    for (Index y = 0; y < from.height; ++y) {
+        const float *HS_RESTRICT in = row(from, y);
+        float *HS_RESTRICT out = row(to, y);
+        for (Index x = 0; x < from.width; ++x) out[x] = in[x];
     }
 }
 

@@ -6,16 +6,19 @@ doi:10.1016/0004-3702(81)90024-2.
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import InputError, as_pair, crop, fixed_errstate, to_gray
-from . import multigrid, pyramid
-from .params import DERIVATIVES, FlowParams
-from .program import area, origin, pixels
+from ..frames import Frame, InputError, as_pair, fixed_errstate, to_gray
+from . import sweeps
+from .coarse_to_fine import coarse_to_fine, horn_schunck_solver
+from .multigrid import solve
+from .params import DERIVATIVES, Derivative, FlowParams, Mode
+from .workspace import Workspace
 
 __all__ = ["FlowField", "HornSchunck", "derivatives", "normal_flow"]
 
@@ -87,7 +90,7 @@ class FlowField:
 class HornSchunck:
     """Dense optical flow by Horn & Schunck (1981).
 
-    An object keeps the memory it works in from call to call, so use one per thread; objects do not share anything.
+    An object keeps the memory it works in from call to call. Threads may share one: each call has memory of its own.
 
     Parameters
     ----------
@@ -116,7 +119,7 @@ class HornSchunck:
 
     def __init__(
         self,
-        mode: str = "default",
+        mode: Mode = "default",
         *,
         smoothness: float | None = None,
         iterations: int | None = None,
@@ -127,7 +130,7 @@ class HornSchunck:
         presmooth: float | None = None,
         outlier: float | None = None,
         tolerance: float | None = None,
-        derivative: str | None = None,
+        derivative: Derivative | None = None,
         gain: float | None = None,
     ) -> None:
         self.params = FlowParams.preset(
@@ -144,8 +147,9 @@ class HornSchunck:
             derivative=derivative,
             gain=gain,
         )
-        self._memory = np.zeros(0, np.float32)
+        self._idle: list[Workspace] = []
         self._previous: Gray | None = None
+        self._stream = threading.Lock()
 
     @fixed_errstate
     def calc(self, I0: Any, I1: Any, flow: Any = None) -> NDArray[np.float32]:
@@ -157,7 +161,8 @@ class HornSchunck:
             Frames as :func:`hs_tracker_cv.frames.as_frame` takes them, of one size; colour is converted to gray.
             Never written to. Values that are not finite read as 0.
         flow : ndarray, shape (H, W, 2), optional
-            First guess, px per frame; zero if absent. Never written to.
+            First guess, px per frame; zero if absent. As with cv2's DIS and Farnebäck, the result is written into it,
+            and it is what is returned; so it must be a writable float32 array.
 
         Returns
         -------
@@ -168,10 +173,24 @@ class HornSchunck:
         Raises
         ------
         InputError
-            If a frame cannot be used or the shapes differ.
+            If a frame cannot be used, the shapes differ or `flow` cannot hold the result.
         """
         first, second = _gray_pair(I0, I1, self.params.gain)
-        return self._calc(first, second, flow)
+        if flow is None:
+            return self._calc(first, second, None)
+        if not isinstance(flow, np.ndarray) or flow.dtype != np.float32:
+            kind = flow.dtype if isinstance(flow, np.ndarray) else type(flow).__name__
+            raise InputError(f"expected flow to be an array of float32, got {kind}")
+        if flow.shape != (*first.shape, 2):
+            raise InputError(f"expected flow of shape {(*first.shape, 2)}, got {flow.shape}")
+        if not flow.flags.writeable:
+            raise InputError(
+                "expected flow to be writable, since the result is written into it, got a read-only array"
+            )
+        if flow.flags.c_contiguous and flow.flags.aligned:
+            return self._calc(first, second, flow)
+        flow[...] = self._calc(first, second, flow.copy(order="C"))
+        return flow
 
     @fixed_errstate
     def estimate(self, frame: Any) -> FlowField:
@@ -182,73 +201,78 @@ class HornSchunck:
         InputError
             If the frame cannot be used or its size has changed.
         """
-        previous = self._previous
         current, _ = _gray_pair(frame, frame, self.params.gain)
-        if previous is None:
+        with self._stream:
+            previous = self._previous
+            if previous is not None and previous.shape != current.shape:
+                raise InputError(f"expected two frames of one size, got {previous.shape} and {current.shape}")
             self._previous = current.copy()
+        if previous is None:
             return FlowField(np.zeros((*current.shape, 2), np.float32))
-        field = FlowField(self._calc(previous, current, None))
-        self._previous = current.copy()
-        return field
+        return FlowField(self._calc(previous, current, None))
 
     def reset(self) -> None:
         """Forget the previous frame of :meth:`estimate`."""
         self._previous = None
 
-    def _calc(self, first: Gray, second: Gray, start: Any) -> NDArray[np.float32]:
-        if first.shape != second.shape:
-            raise InputError(f"expected two frames of one size, got {first.shape} and {second.shape}")
-        height, width = first.shape
-        started = start is not None
-        out = np.zeros((height, width, 2), np.float32)
-        if started:
-            if np.shape(start) != out.shape:
-                raise InputError(f"expected a start flow of shape {out.shape}, got {np.shape(start)}")
-            out[...] = start
-        frame0, frame1 = first[:, :, np.newaxis], second[:, :, np.newaxis]
-        params = self.params
-        if params.mode == "solve":
-            grids = multigrid.plan(height, width, params.derivative == "five-tap", params.smoothness)
-            multigrid.solve(frame0, frame1, out, started, params, grids, self._reserve(grids.memory))
+    def _calc(self, first: Gray, second: Gray, guess: NDArray[np.float32] | None) -> NDArray[np.float32]:
+        """Flow between frames of one size, into the first guess if there is one."""
+        started = guess is not None
+        out = np.empty((*first.shape, 2), np.float32) if guess is None else guess
+        try:
+            workspace = self._idle.pop()
+        except IndexError:  # all are at work in other threads
+            workspace = Workspace()
+        if self.params.mode == "classic":
+            sweeps.classic(first, second, out, started, self.params, workspace)
+        elif self.params.mode == "solve":
+            solve(first, second, out, started, self.params, workspace)
         else:
-            levels = pyramid.plan(height, width, params, started)
-            levels.program.run(self._reserve(levels.memory), frame0, frame1, out)
+            solver = horn_schunck_solver(self.params, workspace)
+            coarse_to_fine(first, second, solver, out, started, self.params, workspace)
+        self._idle.append(workspace)
         return out
 
-    def _reserve(self, size: int) -> NDArray[np.float32]:
-        """Memory of at least `size` floats that begins at a line of the cache, kept; it only grows."""
-        if self._memory.size < size:
-            room = np.zeros(size + 16, np.float32)
-            first = -(room.ctypes.data // 4) % 16
-            self._memory = room[first : first + size]
-        return self._memory
-
     def __getstate__(self) -> dict[str, Any]:
-        """State without the memory, which a copy grows anew."""
-        return {**self.__dict__, "_memory": np.zeros(0, np.float32)}
+        """State without memory and lock, which a copy has of its own."""
+        return {"params": self.params, "_previous": self._previous}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore it."""
+        self.__dict__.update(state)
+        self._idle = []
+        self._stream = threading.Lock()
 
 
 def _gray_pair(first: Any, second: Any, gain: float | None) -> tuple[Gray, Gray]:
-    """Both frames as gray float32 in 0–255, of one gain; arrays that are so already are passed on, not copied."""
-    if _is_plain(first) and _is_plain(second):
-        if gain is None:
-            gain = 255.0 if first.size and max(first.max(), second.max()) <= 1.0 else 1.0
-        if gain == 1.0 and first.size and second.size:
-            return first, second
-    frames = as_pair(first, second, gain)
-    one, two = (to_gray(crop(frame, 0, 0, frame.width, frame.height)) for frame in frames)
-    return one, two
+    """Both frames in gray levels of one gain; pixels that are so already are passed on, not copied.
+
+    What counts is the numbers, whatever their layout, and none is clipped.
+    """
+    if gain == 1.0 and _is_gray(first) and _is_gray(second) and first.shape == second.shape:
+        return first, second
+    one, two = as_pair(first, second, gain)
+    return _gray(one), _gray(two)
 
 
-def _is_plain(image: Any) -> bool:
-    # Numba compiles anew for read-only and for unaligned arrays; those take the copying path.
-    return (
-        isinstance(image, np.ndarray) and image.dtype == np.float32 and image.ndim == 2 and bool(image.flags.carray)
-    )
+def _is_gray(image: Any) -> bool:
+    """Tell whether kernels can read an image as it is; what follows from that is no more than speed."""
+    if type(image) is not np.ndarray or image.dtype != np.float32 or image.ndim != 2 or image.size == 0:
+        return False
+    return image.flags.c_contiguous and image.flags.aligned
+
+
+def _gray(frame: Frame) -> Gray:
+    values = np.require(frame.pixels, np.float32, ["C", "A"])
+    if frame.offset != 0.0:
+        values = values - np.float32(frame.offset)
+    if frame.gain != 1.0:
+        values = values * np.float32(frame.gain)
+    return to_gray(values)
 
 
 @fixed_errstate
-def derivatives(I0: Any, I1: Any, derivative: str = "cube") -> tuple[Gray, Gray, Gray]:
+def derivatives(I0: Any, I1: Any, derivative: Derivative = "cube") -> tuple[Gray, Gray, Gray]:
     """F_x, F_y and F_t of two frames (step 3 of the paper).
 
     Parameters
@@ -274,15 +298,7 @@ def derivatives(I0: Any, I1: Any, derivative: str = "cube") -> tuple[Gray, Gray,
     if derivative not in DERIVATIVES:
         raise ValueError(f"expected derivative to be one of {', '.join(map(repr, DERIVATIVES))}, got {derivative!r}")
     first, second = _gray_pair(I0, I1, None)
-    if first.shape != second.shape:
-        raise InputError(f"expected two frames of one size, got {first.shape} and {second.shape}")
-    levels = pyramid.slopes(first.shape[0], first.shape[1], derivative)
-    memory = np.zeros(levels.memory, np.float32)
-    no_flow = np.empty((0, 0, 2), np.float32)
-    levels.program.run(memory, first[:, :, np.newaxis], second[:, :, np.newaxis], no_flow)
-    size = levels.sizes[0]
-    fx, fy, ft = (pixels(memory, origin(size) + i * area(size), size).copy() for i in range(3))
-    return fx, fy, ft
+    return sweeps.derivatives(first, second, derivative)
 
 
 @fixed_errstate

@@ -1,17 +1,23 @@
-"""What a flow estimate is made with; free of Numba, so that it costs nothing to import."""
+"""What a flow estimate is made with."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, get_args
 
-__all__ = ["DERIVATIVES", "PRESETS", "FlowParams"]
+__all__ = ["DERIVATIVES", "PRESETS", "Derivative", "FlowParams", "Mode"]
 
-DERIVATIVES = ("cube", "five-tap")
+Mode = Literal["classic", "solve", "fast", "default", "accurate"]
+"""Names of the presets."""
+
+Derivative = Literal["cube", "five-tap"]
 """Names of the derivative masks: the paper's 2 × 2 × 2 cube; Barron, Fleet & Beauchemin's 5-tap (1994)."""
 
+DERIVATIVES: tuple[Derivative, ...] = get_args(Derivative)
+
 _PYRAMID_FIELDS = frozenset({"iterations", "levels", "ratio", "warps", "median", "presmooth", "outlier"})
-_FIELDS_OF_MODE = {
+_FIELDS_OF_MODE: dict[Mode, frozenset[str]] = {
     "classic": frozenset({"iterations"}),
     "solve": frozenset({"iterations", "tolerance"}),
     "fast": _PYRAMID_FIELDS,
@@ -63,10 +69,10 @@ class FlowParams:
         If a value is out of range; the message names it.
     """
 
-    mode: str
+    mode: Mode
     smoothness: float
     iterations: int
-    derivative: str = "cube"
+    derivative: Derivative = "cube"
     gain: float | None = None
     levels: int = 1
     ratio: float = 0.65
@@ -95,7 +101,7 @@ class FlowParams:
             raise ValueError(f"expected a finite outlier >= 0, got {self.outlier!r}")
 
     @classmethod
-    def preset(cls, mode: str, **overrides: float | str | None) -> FlowParams:
+    def preset(cls, mode: Mode, **overrides: float | str | None) -> FlowParams:
         """Preset of `mode` with the overrides that are not None.
 
         Raises
@@ -129,7 +135,7 @@ def _at_least_one(name: str, value: object) -> None:
 
 _ALL_LEVELS = 32
 
-PRESETS: dict[str, dict[str, float | str | None]] = {
+PRESETS: dict[Mode, dict[str, float | str | None]] = {
     "classic": {"mode": "classic", "smoothness": 10.0, "iterations": 100},
     "solve": {"mode": "solve", "smoothness": 10.0, "iterations": 5000},
     "fast": {

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import anchor
+from ..flow.params import Mode
 from ..geometry import Box
 from ..validation import Count, Shape, Within
 
@@ -115,7 +116,7 @@ class PropagationParams:
     coarse_size: float = 16.0
     coarse_margin: float = 16.0
     smoothness: float = 6.0
-    preset: str = "fast"
+    preset: Mode = "fast"
     levels: int = 4
     key_levels: int = 3
     warps: int = 2

@@ -1,0 +1,47 @@
+#include "levels.hpp"
+
+#include "cpu.hpp"
+
+#include <atomic>
+#include <stdexcept>
+
+namespace hs {
+namespace {
+
+const Level LEVELS[] = {
+#ifdef HS_X86
+    {"v2", 2, sweeps_v2, warping_v2, grids_v2},
+    {"v3", 3, sweeps_v3, warping_v3, grids_v3},
+    {"v4", 4, sweeps_v4, warping_v4, grids_v4},
+#else
+    {"plain", 1, sweeps_plain, warping_plain, grids_plain},
+#endif
+};
+
+std::atomic<const Level *> in_use;
+
+} // namespace
+
+std::vector<std::string> level_names() {
+    std::vector<std::string> names;
+    for (const Level &each : LEVELS)
+        if (each.needs <= cpu_level()) names.emplace_back(each.name);
+    return names;
+}
+
+const Level &level() { return *in_use.load(std::memory_order_relaxed); }
+
+void use_level(const std::string &name) {
+    std::string known;
+    for (const Level &each : LEVELS) {
+        if (each.needs > cpu_level()) continue;
+        if (each.name == name) {
+            in_use = &each;
+            return;
+        }
+        known += (known.empty() ? "" : ", ") + std::string(each.name);
+    }
+    throw std::invalid_argument("expected one of " + known + ", got '" + name + "'");
+}
+
+} // namespace hs
