@@ -343,6 +343,30 @@ def test_the_keys_play_step_and_clear(page: Page) -> None:
 
 
 @pytest.mark.browser
+def test_a_box_is_dragged_while_the_video_plays(page: Page) -> None:
+    """Pressing pauses; the box holds for the frame that is shown. Play at the end begins anew."""
+    page.page.keyboard.press("Space")
+    page.page.wait_for_function(
+        "parseInt(document.querySelector('[data-part=facts]').innerText.split(' ')[1]) > 1", timeout=PATIENCE
+    )
+    _drag(page.page, (20, 20), (70, 60))
+    page.await_text("hint", "box 20, 20, 50, 40 at frame")
+    page.await_text("tracks", "TrackerHS 1")
+    paused = page.frame
+    assert page.text("hint").endswith(f"at frame {paused}")
+    page.page.wait_for_timeout(400)
+    assert page.frame == paused
+    page.drag_slider("scrub", 1.0)
+    page.await_frame(COUNT - 1)
+    page.click("ahead")
+    page.click("play")
+    page.page.wait_for_function(
+        f"parseInt(document.querySelector('[data-part=facts]').innerText.split(' ')[1]) < {COUNT // 2}",
+        timeout=PATIENCE,
+    )
+
+
+@pytest.mark.browser
 def test_controls_act_on_the_paused_frame(page: Page) -> None:
     """λ changes the flow and leaves the derivatives; the threshold changes what is above it; modes bring their λ."""
     assert page.text("panel-Ft").endswith("needs the frame before")

@@ -37,6 +37,14 @@ def test_packages_do_not_import_their_users(package: str) -> None:
     assert not {path: names for path, names in wrong.items() if names}
 
 
+def test_pages_take_nothing_from_the_command_line() -> None:
+    """What both need has rooms of its own."""
+    for path in (ROOT / "hs_tracker_cv" / "app").glob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        taken = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        assert not [module for module in taken if module.split(".")[0] == "cli"], path
+
+
 def test_importing_the_library_imports_no_compiler() -> None:
     """`import hs_tracker_cv` stays cheap: no numba, scikit-image or page until they are used."""
     heavy = "'numba', 'skimage', 'nicegui', 'scipy', 'matplotlib'"

@@ -103,7 +103,9 @@ class Controls:
         value = getattr(self._session.stage_params, field)
         with ui.element("div").classes("hs-knob"):
             ui.label(title)
-            slider = ui.slider(min=least, max=most, step=step, value=value).props(f"dense data-part=knob-{field}")
+            slider = ui.slider(min=least, max=most, step=step, value=value).props(
+                f'dense data-part=knob-{field} aria-label="{title}"'
+            )
             label = ui.label(f"{value:g}")
         slider.on(
             "update:model-value", lambda event: self._turn(field, event.args), throttle=THROTTLE, leading_events=True

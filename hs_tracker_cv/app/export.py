@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tempfile
+from dataclasses import fields
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import cv2
 from ..display import tile_panels
 from ..following import write_header, write_row
 from ..params import TrackerHS_Params
+from ..stages import StageParams
 from ..video import VideoError, VideoSink
 from .pictures import Panel, draw_tracks
 from .session import Session
@@ -72,25 +74,28 @@ def snippet(session: Session, name: str) -> str:
         Of the source on the page.
     """
     ours = [track for track in session.tracks if track.name == OURS]
-    params = session.stage_params
-    lines = [
-        "from hs_tracker_cv import TrackerHS, TrackerHS_Params",
+    names = ["TrackerHS", "TrackerHS_Params"] if any(_parameters(track) for track in ours) else ["TrackerHS"]
+    lines = [f"from hs_tracker_cv import {', '.join(names)}"] if ours else []
+    lines += [
         "from hs_tracker_cv.stages import PaperMethod, StageParams",
         "from hs_tracker_cv.video import open_source",
         "",
         f"SOURCE = {session.sources.argument(name)!r}",
         "",
+        "# the paper's method from the frame before to the one shown",
+        *_paper(session.index, session.stage_params),
     ]
-    lines += _paper(session.index, params)
     for track in ours:
         lines += ["", *_following(track)]
     return "\n".join(lines) + "\n"
 
 
-def _paper(index: int, params: object) -> list[str]:
+def _paper(index: int, params: StageParams) -> list[str]:
     return [
-        f"method = PaperMethod({params!r})",
-        "previous = None",
+        "parameters = StageParams(",
+        *(f"    {field.name}={getattr(params, field.name)!r}," for field in fields(params)),
+        ")",
+        "method, previous = PaperMethod(parameters), None",
         "with open_source(SOURCE) as source:",
         "    for index, frame in enumerate(source.frames):",
         f"        if index == {max(index, 1)}:",
@@ -101,11 +106,14 @@ def _paper(index: int, params: object) -> list[str]:
     ]
 
 
+def _parameters(track: Track) -> str:
+    return "" if track.parameters == TrackerHS_Params() else repr(track.parameters)
+
+
 def _following(track: Track) -> list[str]:
-    parameters = "" if track.parameters == TrackerHS_Params() else repr(track.parameters)
     return [
         f"# object {track.number}",
-        f"tracker = TrackerHS({parameters})",
+        f"tracker = TrackerHS({_parameters(track)})",
         "with open_source(SOURCE) as source:",
         "    for index, frame in enumerate(source.frames):",
         f"        if index == {track.start}:",

@@ -127,17 +127,19 @@ class Page:
             ui.button("Open file", icon="upload_file").props("outline dense no-caps data-part=open").on(
                 "click", js_handler=pick
             )
-            ui.button(icon="contrast", on_click=self._toggle_dark).props("flat round dense data-part=dark").tooltip(
-                "Light or dark"
-            )
+            ui.button(icon="contrast", on_click=self._toggle_dark).props(
+                'flat round dense data-part=dark aria-label="Light or dark"'
+            ).tooltip("Light or dark")
 
     def _view(self) -> None:
-        self.picker = BoxPicker(self._boxed, self._clicked)
+        self.picker = BoxPicker(self._boxed, self._clicked, lambda: self._play(False))
         self.picker.element.props("data-part=frame").classes("hs-frame")
         self.hint = ui.label("Open a video, or choose the demo above.").classes("hs-hint").props("data-part=hint")
         with ui.element("div").classes("hs-transport"):
             back, self.play_button, ahead = (
-                ui.button(icon=icon, on_click=act).props(f"round dense data-part={name}").tooltip(tip)
+                ui.button(icon=icon, on_click=act)
+                .props(f'round dense data-part={name} aria-label="{tip}"')
+                .tooltip(tip)
                 for icon, name, tip, act in (
                     ("skip_previous", "back", "One frame back (←)", lambda: self._step(-1)),
                     ("play_arrow", "play", "Play or pause (space)", self._toggle),
@@ -146,11 +148,15 @@ class Page:
             )
             for button in (back, ahead):
                 button.props("flat")
-            self.slider = ui.slider(min=0, max=1, step=1, value=0).props("data-part=scrub").classes("hs-grow")
+            self.slider = (
+                ui.slider(min=0, max=1, step=1, value=0).props("data-part=scrub aria-label=Frame").classes("hs-grow")
+            )
             self.slider.on(
                 "update:model-value", lambda event: self.seek(int(event.args)), throttle=0.05, leading_events=False
             )
-            self.speed = ui.select(SPEEDS, value=1).props("data-part=speed dense borderless options-dense")
+            self.speed = ui.select(SPEEDS, value=1).props(
+                "data-part=speed aria-label=Speed dense borderless options-dense"
+            )
             self.speed.tooltip("Speed")
         self.facts = ui.label("").classes("hs-facts").props("data-part=facts")
         self.strip = ui.html("", sanitize=False).classes("hs-strip").props("data-part=strip")
@@ -218,8 +224,11 @@ class Page:
         self._play(False)
         background_tasks.create(self.pursue(index), name="seek")
 
-    def _toggle(self) -> None:
-        self._play(not self.playing and self.session.opened)
+    async def _toggle(self) -> None:
+        playing = not self.playing and self.session.opened
+        if playing and self.session.store.ended and self.session.index >= self._count() - 1:
+            await self.pursue(0)  # at the end it plays from the beginning
+        self._play(playing)
 
     def _play(self, playing: bool) -> None:
         self.playing = playing
@@ -291,7 +300,8 @@ class Page:
         return max(count or 0, self.session.index + 1, 1)
 
     def _show(self, shown: Shown) -> None:
-        if shown.index != self.slider.value or self.picker.element.source == "":
+        # What is proposed holds for its frame; a box that is being drawn is not taken away.
+        if shown.index != self.slider.value and not self.picker.dragging:
             self.picker.clear()
         self.picker.show_url(shown.url, shown.size, shown.scale)
         self.slider.props(f"max={max(self._count() - 1, 1)}")
@@ -300,8 +310,8 @@ class Page:
         now = time.monotonic()
         self.times = [*(moment for moment in self.times if now - moment < 2.0), now]
         store = self.session.store
-        count = store.count if store.count is not None else "live"
-        words = f"frame {shown.index} of {count} · {shown.size[0]} × {shown.size[1]} px · {store.fps:g} frames/s"
+        count = f"of {store.count}" if store.count is not None else "(live)"
+        words = f"frame {shown.index} {count} · {shown.size[0]} × {shown.size[1]} px · {store.fps:g} frames/s"
         if self.playing and len(self.times) > 5:
             words += f" · shown {(len(self.times) - 1) / (self.times[-1] - self.times[0]):.0f}/s"
         self.facts.set_text(words)
@@ -374,7 +384,7 @@ class Page:
         if not event.action.keydown or event.modifiers.ctrl or event.modifiers.meta or event.modifiers.alt:
             return
         if event.key.space and not event.action.repeat:
-            self._toggle()
+            await self._toggle()
         elif event.key.arrow_left or event.key.arrow_right:
             by = 10 if event.modifiers.shift else 1
             await self._step(by if event.key.arrow_right else -by)

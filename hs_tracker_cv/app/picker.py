@@ -30,11 +30,19 @@ class BoxPicker:
         Called with the Box when the button is released.
     on_click : callable, optional
         Called with x, y when it is released where it was pressed.
+    on_press : callable, optional
+        Called when the button is pressed.
     """
 
-    def __init__(self, on_box: Callable[[Box], Any], on_click: Callable[[float, float], Any] | None = None) -> None:
+    def __init__(
+        self,
+        on_box: Callable[[Box], Any],
+        on_click: Callable[[float, float], Any] | None = None,
+        on_press: Callable[[], Any] | None = None,
+    ) -> None:
         self._on_box = on_box
         self._on_click = on_click
+        self._on_press = on_press
         self._start: tuple[float, float] | None = None
         self._last = (0.0, 0.0)
         self._size = (0, 0)
@@ -45,6 +53,11 @@ class BoxPicker:
         )
         # A finger that draws a box does not scroll the page.
         self.element.style("touch-action: none")
+
+    @property
+    def dragging(self) -> bool:
+        """Whether a box is being drawn."""
+        return self._start is not None
 
     def show(self, image: Any, *, lossless: bool = False) -> None:
         """Show an image at a size at which a drag hits pixels exactly; a box drawn on the one before disappears."""
@@ -80,6 +93,8 @@ class BoxPicker:
         here = (min(max(x, 0.0), self._size[0]), min(max(y, 0.0), self._size[1]))
         if event.type == "pointerdown":
             self._start = self._last = here
+            if self._on_press is not None:
+                self._on_press()
         elif self._start is not None and event.type == "pointermove" and event.buttons & 1:
             self._last = here
             self._draw()

@@ -65,7 +65,7 @@ class PageServer(uvicorn.Server):
     def __init__(self, listener: socket.socket, *, token: str, ticket: str) -> None:
         self._listener = listener
         outer = FastAPI(openapi_url=None)
-        ui.run_with(outer, title="hs-track", dark=True, show_welcome_message=False)
+        ui.run_with(outer, title="hs-track", dark=None, show_welcome_message=False)
         guarded = Guard(outer, port=listener.getsockname()[1], token=token, ticket=ticket)
         # On the loopback interface compression costs more than it saves; wsproto comes with NiceGUI.
         config = uvicorn.Config(

@@ -64,7 +64,8 @@ class Sources:
             inside = []
         videos = [path for path in inside if path.suffix.lower() in VIDEO_SUFFIXES and _lies_in(path, folder)]
         if not videos or any(path.suffix.lower() in IMAGE_SUFFIXES for path in inside):
-            self._add(folder.resolve().name, str(folder))
+            # With the name of its parent: many data sets call every such folder img.
+            self._add("/".join(folder.resolve().parts[-2:]), str(folder))
         for path in videos:
             self._add(path.name, str(path.resolve()))
 
