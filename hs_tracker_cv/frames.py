@@ -51,6 +51,7 @@ _PART = 100_000
 
 _LARGEST_FLOAT = float(np.finfo(np.float32).max)
 _BGR_TO_GRAY = np.array([[0.114, 0.587, 0.299]], np.float32)
+_FIXED = {np.dtype(np.uint8): 1.0, np.dtype(np.bool_): 255.0}  # gain of types whose range is known
 _DEEP = 65535.0
 _SAMPLE = 1 << 20  # values that suffice to know a range
 
@@ -147,10 +148,10 @@ def as_frame(image: Any, gain: float | None = None) -> Frame:
     Parameters
     ----------
     image : ndarray or cv2.UMat
-        Shape (H, W), (H, W, 1), (H, W, 3) BGR or (H, W, 4) BGRA (alpha is ignored); uint8, uint16 or a float
-        type. Float images are read as 0–1 when no value exceeds 1, else as 0–255. Where the values do not fit that
-        or fill less than a quarter of 16 bits (cameras of 10, 12 and 14 bits, thermal cameras), the range is that
-        of the image, with headroom.
+        Shape (H, W), (H, W, 1), (H, W, 3) BGR or (H, W, 4) BGRA (alpha is ignored), of any real type. Integers are
+        read as 0–255, uint16 as 0–65535, bools as black and white, floats as 0–1 when no value exceeds 1, else as
+        0–255. Where the values do not fit that or fill less than a quarter of 16 bits (cameras of 10, 12 and 14
+        bits, thermal cameras), the range is that of the image, with headroom.
     gain : float, optional
         Gray levels per unit, instead of that rule; see :func:`value_range`.
 
@@ -224,8 +225,8 @@ def _checked(image: Any) -> NDArray[Any]:
         raise InputError(f"expected a frame of shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), got {image.shape}")
     if image.size == 0:
         raise InputError(f"expected a non-empty frame, got shape {image.shape}")
-    if image.dtype.kind != "f" and not (image.dtype.kind == "u" and image.dtype.itemsize <= 2):
-        raise InputError(f"expected a uint8, uint16 or float frame, got dtype {image.dtype}")
+    if image.dtype.kind not in "buif":
+        raise InputError(f"expected a frame of integers, floats or bools, got dtype {image.dtype}")
     pixels: NDArray[Any] = image[:, :, :3] if image.shape[2] == 4 else image
     return pixels
 
@@ -245,7 +246,7 @@ def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float,
     Parameters
     ----------
     pixels : ndarray, shape (H, W, C)
-        uint8, uint16 or float.
+        Of any real type.
     gain : float, optional
         Gray levels per unit of what is not uint8; only the offset is then chosen: 0 where the values fit so, else
         what brings them to the middle of 0–255.
@@ -254,8 +255,8 @@ def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float,
     -------
     gain, offset : float
     """
-    if pixels.dtype.itemsize == 1:
-        return 1.0, 0.0
+    if pixels.dtype in _FIXED:
+        return _FIXED[pixels.dtype], 0.0
     if gain is None and pixels.dtype.kind == "f":
         low, high = float(pixels.min()), float(pixels.max())  # of what is no number, no number
         if low >= 0.0 and high <= 255.0:
@@ -264,10 +265,11 @@ def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float,
     if gain is not None:
         return gain, 0.0 if low * gain >= 0.0 and high * gain <= 255.0 else 0.5 * (low + high) - 127.5 / gain
     spread = high - low
-    if pixels.dtype.kind == "u":
-        whole, finest, fits = _DEEP, 1.0, spread > _DEEP / 4.0  # a gray level is no less than a step of the sensor
+    finest = math.inf if pixels.dtype.kind == "f" else 1.0  # a gray level is no less than a step of the sensor
+    if _native(pixels) == np.uint16:
+        whole, fits = _DEEP, spread > _DEEP / 4.0
     else:
-        whole, finest = (255.0 if _exceeds_one(pixels) else 1.0), math.inf
+        whole = 1.0 if pixels.dtype.kind == "f" and not _exceeds_one(pixels) else 255.0
         # What filters overshoot by does not change the scale.
         fits = max(-low, 0.0) + max(high - whole, 0.0) <= spread / 4.0
     if fits or spread == 0.0:

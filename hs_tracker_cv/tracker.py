@@ -198,9 +198,11 @@ class TrackerHS:
         if version != STATE_VERSION:
             raise ValueError(f"expected a TrackerHS pickled in version {STATE_VERSION}, got version {shown(version)}")
         own = {name: value for name, value in state.items() if name != "version"}
-        validate(own.get("_parameters"), TrackerHS_Params, "_parameters")
+        parameters = own.get("_parameters")
+        if not isinstance(parameters, TrackerHS_Params):
+            raise ValueError(f"expected _parameters to be TrackerHS_Params, got {shown(parameters)}")
+        parameters = TrackerHS_Params.from_dict(parameters.to_dict())  # which knows types and ranges
         validate(own.get("_track", "nothing"), _Track | None, "_track")
-        parameters = TrackerHS_Params.from_dict(own["_parameters"].to_dict())  # which knows the ranges
         if own["_track"] is not None and not own["_track"].follows(parameters):
             raise ValueError(f"expected a track as of {parameters}, got one of other modes or numbers")
         self.__dict__.update(own)
@@ -217,8 +219,8 @@ class TrackerHS:
         Parameters
         ----------
         image : ndarray or cv2.UMat
-            Gray (H, W) or (H, W, 1), BGR (H, W, 3) or BGRA (H, W, 4); uint8, uint16 or float; any stride. It is
-            neither kept nor written to.
+            Gray (H, W) or (H, W, 1), BGR (H, W, 3) or BGRA (H, W, 4); of any real type, in any memory layout. It
+            is neither kept nor written to.
         boundingBox : sequence of 4 numbers
             x, y, w, h in px. What lies outside the frame is cut off.
 

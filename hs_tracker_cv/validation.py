@@ -160,7 +160,7 @@ def _fields(kind: type) -> dict[str, Any]:
 _NUMBERS: dict[type, tuple[type, ...]] = {
     bool: (bool, np.bool_),
     int: (int, np.integer),
-    float: (int, float, np.integer, np.floating),
+    float: (float, np.floating),  # for kernels, 0 is no 0.0
 }
 
 
@@ -180,7 +180,7 @@ def _check_array(value: Any, number: Any, extras: tuple[Any, ...], path: str) ->
     _expect(dtype.kind in "biufc" and dtype.isnative and number in (Any, dtype.type), path, wanted, dtype)
     _expect(value.flags.c_contiguous and value.flags.aligned, path, "C-contiguous and aligned", value.strides)
     _expect(value.size > 0, path, "an array with elements", value.shape)
-    if value.dtype.kind in "fc":
+    if value.dtype.kind in "fc" and number is not Any:  # which the user's own pixels are of: they may be no numbers
         most = float(np.abs(value).max())
         _expect(most <= LARGEST_ELEMENT, path, f"finite, and at most {LARGEST_ELEMENT:g}", most)
     for limit in (extra for extra in extras if isinstance(extra, Within)):

@@ -19,6 +19,9 @@ CAMERAS = {
     "thermal": (np.uint16, 4.0, 7300.0),
     "kelvin": (np.float32, 0.1, 280.0),
     "counts in float": (np.float32, 64.0, 0.0),
+    "bytes in int64": (np.int64, 1.0, 0.0),
+    "12 bits in int32": (np.int32, 16.0, 0.0),
+    "differences": (np.int16, 1.0, -128.0),
 }
 """dtype, units per gray level, units of black."""
 

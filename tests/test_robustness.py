@@ -289,8 +289,7 @@ def is_frame(thing: Any) -> bool:
         thing = thing.get()
     if not isinstance(thing, np.ndarray) or thing.size == 0 or thing.ndim not in (2, 3):
         return False
-    good_type = thing.dtype.newbyteorder("=") in (np.uint8, np.uint16) or thing.dtype.kind == "f"
-    return good_type and (thing.ndim == 2 or thing.shape[2] in (1, 3, 4))
+    return thing.dtype.kind in "buif" and (thing.ndim == 2 or thing.shape[2] in (1, 3, 4))
 
 
 @functools.cache

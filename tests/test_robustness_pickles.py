@@ -222,9 +222,9 @@ def test_every_array_of_a_track_says_its_shape() -> None:
         (None, "version 1, got version None"),
         ({}, "version 1, got version None"),
         ({"version": 2}, "version 1, got version 2"),
-        ({"version": 1}, "_parameters to be a TrackerHS_Params, got None"),
+        ({"version": 1}, "_parameters to be TrackerHS_Params, got None"),
         ({"version": 1, "_parameters": TrackerHS_Params()}, "_track to be a _Track, got 'nothing'"),
-        ({"version": 1, "_parameters": {"mode": "auto"}, "_track": None}, "_parameters to be a TrackerHS_Params"),
+        ({"version": 1, "_parameters": {"mode": "auto"}, "_track": None}, "_parameters to be TrackerHS_Params"),
     ],
 )
 def test_another_version_or_half_a_state_is_refused(state: Any, words: str) -> None:
@@ -261,6 +261,17 @@ def test_a_read_only_pickle_is_tracked_on() -> None:
     twin = pickle.loads(pickled, buffers=[bytes(buffer) for buffer in buffers])
     for frame in frames[6:]:
         assert twin.update(frame) == tracker.update(frame)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, np.finfo(np.float32).max])
+def test_a_track_of_pixels_that_are_no_numbers_goes_through_a_pickle(value: float) -> None:
+    """What is kept of the first frame is the user's own, whatever it holds."""
+    frames = video("float32")
+    frames[0][12, 15] = value
+    tracker = TrackerHS_create()
+    tracker.init(frames[0], ROI)
+    twin = pickle.loads(pickle.dumps(tracker))
+    assert [twin.update(frame) for frame in frames[1:4]] == [tracker.update(frame) for frame in frames[1:4]]
 
 
 @pytest.mark.parametrize("wrong", [None, "tracker", TrackerHS, []])

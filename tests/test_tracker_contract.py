@@ -104,7 +104,8 @@ def test_bad_rois_raise_and_leave_the_tracker_uninitialised(video: tuple[Frames,
 
 
 @pytest.mark.parametrize(
-    "image", [None, "frame.png", np.zeros((0, 0, 3), np.uint8), np.zeros((9, 9, 2), np.uint8), np.zeros((9, 9), int)]
+    "image",
+    [None, "frame.png", np.zeros((0, 0, 3), np.uint8), np.zeros((9, 9, 2), np.uint8), np.zeros((9, 9), complex)],
 )
 def test_bad_images_at_init_raise_and_leave_the_tracker_uninitialised(
     video: tuple[Frames, Boxes], image: Any
@@ -155,7 +156,7 @@ def test_no_frame_answers_false_and_the_next_good_one_goes_on(video: tuple[Frame
     [
         (np.zeros((60, 80, 3), np.uint8), "160 × 120"),
         (np.zeros((120, 160), np.uint8), "3 channel"),
-        (np.zeros((120, 160, 3), np.int32), "int32"),
+        (np.zeros((120, 160, 3), complex), "complex128"),
         (np.zeros((120, 160, 2), np.uint8), "2"),
         ("frame", "str"),
     ],
@@ -195,10 +196,12 @@ def test_layouts_give_identical_boxes(video: tuple[Frames, Boxes], convert: Call
         pytest.param(lambda f: f.astype(np.uint16) * 257, id="uint16"),
         pytest.param(lambda f: f.astype(np.float32) / 255, id="float-0-1"),
         pytest.param(lambda f: f.astype(np.float64), id="float-0-255"),
+        pytest.param(lambda f: f.astype(np.int64), id="int64"),
+        pytest.param(lambda f: (f // 2).astype(np.int8), id="int8"),
     ],
 )
 def test_every_dtype_is_tracked(video: tuple[Frames, Boxes], convert: Callable[[Any], Any]) -> None:
-    """Gray, 16-bit and float video work."""
+    """Gray, 16-bit and float video work, and whole numbers of any other type."""
     tracker = TrackerHS_create()
     tracker.init(convert(video[0][0]), video[1][0])
     for frame, truth in zip(video[0][1:], video[1][1:], strict=True):
