@@ -235,11 +235,12 @@ def _masked(distance: FloatArray, answered: NDArray[np.bool_], visible: NDArray[
 
 
 def _last_box_held(estimated: FloatArray, ok: NDArray[np.bool_]) -> FloatArray:
-    """Boxes as toolkits get them, one for every frame: where nothing is located, the last that was."""
+    """Boxes as toolkits get them: where nothing is located, the last that was; NaN where nothing was answered."""
     located = ok & np.isfinite(estimated).all(axis=1)
     located = np.concatenate([[True], located[1:]])  # the start box
     last = np.maximum.accumulate(np.where(located, np.arange(len(located)), 0))
-    return np.asarray(estimated[last])
+    answered = np.isfinite(estimated).all(axis=1, keepdims=True)
+    return np.where(answered, estimated[last], np.nan)
 
 
 def _as_otb(reference: FloatArray, held: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -247,10 +248,10 @@ def _as_otb(reference: FloatArray, held: FloatArray) -> tuple[FloatArray, FloatA
     known = np.asarray(np.isfinite(reference).all(axis=1))
     first, second = np.where(known[:, np.newaxis], reference, 0.0), held.copy()
     second[0] = first[0]
-    iou = _plain_iou(first, second)
+    iou = _plain_iou(first, np.nan_to_num(second))
     with np.errstate(over="ignore", invalid="ignore"):
         offset = (first[:, :2] + first[:, 2:] / 2) - (second[:, :2] + second[:, 2:] / 2)
-        distance = np.hypot(*offset.T)
+        distance = np.nan_to_num(np.hypot(*offset.T), nan=np.inf)
     return np.where(known, iou, np.nan), np.where(known, distance, np.nan)
 
 

@@ -240,6 +240,16 @@ def test_a_lost_object_costs_nothing_where_the_last_box_is_held() -> None:
     assert found["auc_otb"] == pytest.approx(20 / 21)
 
 
+def test_nothing_is_held_for_a_tracker_that_answers_no_more() -> None:
+    """After a crash there is no last box: frames without an answer score 0 in the columns of the toolkits, too."""
+    reference = walk(5, 0.0)
+    boxes = reference.copy()
+    boxes[3:] = np.nan
+    found = scores_of(reference, boxes, ok=[True, True, False, False, False])
+    assert (found["ao_got10k"], found["precision_otb"]) == (0.5, 0.6)
+    assert found["auc_otb"] == pytest.approx(0.6 * 20 / 21)
+
+
 def test_normalised_precision_is_the_share_within_a_fifth_of_the_box() -> None:
     """LaSOT's value: the distance by the sides of the true box, at most 0.2."""
     reference = walk(5, 0.0)
