@@ -262,6 +262,16 @@ def test_the_server_ends_with_its_parent() -> None:
         assert not server.process.is_running()
 
 
+def test_modules_of_the_working_directory_are_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A downloaded folder of videos may hold a file called nicegui.py, or json.py."""
+    for name in ("nicegui", "json", "uvicorn", "hs_tracker_cv"):
+        (tmp_path / f"{name}.py").write_text("open('executed', 'w'); raise SystemExit('executed')")
+    monkeypatch.chdir(tmp_path)
+    with app._page("app", None, video="", models="") as page:
+        assert httpx.get(page.address).status_code == 200
+    assert not (tmp_path / "executed").exists()
+
+
 def test_a_page_offers_what_was_named_only(video: Path, tmp_path: Path) -> None:
     """Links that leave the folder, other files and anything with a path in its name are no sources."""
     (tmp_path / "inside.avi").write_bytes(video.read_bytes())

@@ -28,6 +28,13 @@ from ..video import VideoError
 __all__ = ["select_roi", "serve"]
 
 HOST = "127.0.0.1"
+LAUNCH = """
+import runpy, sys
+sys.path[:] = [sys.argv[1], *filter(None, sys.path)]
+runpy.run_module("hs_tracker_cv.app", run_name="__main__")
+"""
+"""What ``python -m hs_tracker_cv.app`` does, but never with modules that lie in the working directory: people track
+videos in folders that they have downloaded."""
 END_SECONDS = 10.0
 """How long a server may take to end before it is killed."""
 
@@ -127,7 +134,7 @@ def _page(name: str, port: int | None, **arguments: Any) -> Iterator[_Page]:
     # NiceGUI writes a storage folder into the working directory unless told otherwise.
     with tempfile.TemporaryDirectory(prefix="hs-track-storage-") as storage:
         process = subprocess.Popen(
-            [sys.executable, "-m", "hs_tracker_cv.app"],
+            [sys.executable, "-c", LAUNCH, str(Path(__file__).resolve().parents[2])],
             env={**os.environ, "NICEGUI_STORAGE_PATH": storage},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
