@@ -524,3 +524,17 @@ def test_a_camera_may_be_named_by_its_device(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(opening, "_mode", lambda path: 0o020660)
     with pytest.raises(VideoError, match="camera 83: cannot be opened"):
         open_source("/dev/video83")
+
+
+def test_modules_beside_the_video_are_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The decoder is asked in a process of its own, in the folder of the user, who may have downloaded it."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("cv2", "json"):
+        (tmp_path / f"{name}.py").write_text("open('executed', 'w')")
+    still = np.full((48, 64, 3), 90, np.uint8)
+    with VideoSink(tmp_path / "still.avi", 25.0) as sink:
+        for _ in range(4):
+            sink.write(still)
+    with open_source("still.avi") as source:
+        assert len(list(source.frames)) == 4
+    assert not (tmp_path / "executed").exists()

@@ -31,7 +31,9 @@ _GRAY16 = int.from_bytes(b"Y1\x00\x10", "little")
 
 _SILENCING = ("OPENCV_LOG_LEVEL", "OPENCV_FFMPEG_LOGLEVEL", "OPENCV_FFMPEG_DEBUG")
 _PROBE = """
-import cv2, json, sys
+import sys
+sys.path[:] = filter(None, sys.path)  # never a cv2.py that lies beside the video
+import cv2, json
 name, count = json.load(sys.stdin)
 capture = cv2.VideoCapture(name)
 for _ in range(count - 1):
