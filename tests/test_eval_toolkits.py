@@ -1,0 +1,128 @@
+"""Other people's toolkits on our exports: the same figures as ours, and a perfect tracker is perfect.
+
+Needs the dependency group ``toolkits``; skipped without it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from datasets_synthetic import SUITES, Sequence, render
+from datasets_synthetic.export import write_got10k, write_otb, write_vot
+from eval.metrics import frame_scores, summarise
+
+AGREE = 1e-4
+"""Largest difference of a figure: got10k stores boxes with three decimals."""
+
+
+@pytest.fixture(scope="module")
+def suite() -> list[Sequence]:
+    """Two sequences whose target goes out of sight, and a short one."""
+    return [render(spec) for spec in (*SUITES["vanish"][:2], SUITES["smoke"][0])]
+
+
+def answers_of(sequence: Sequence, kind: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Boxes and flags: the truth itself, or boxes that drift, with losses and a frame of nonsense outside."""
+    boxes, ok = sequence.boxes.copy(), np.ones(len(sequence), dtype=bool)
+    if kind == "drifting":
+        times = np.arange(len(sequence))
+        boxes += np.stack([0.2 * times - 8.0, 0.1 * times, 0.05 * times, -0.03 * times], axis=1)
+        boxes[5] = (-30.0, -30.0, 60.0, 50.0)
+        ok = times % 7 != 3
+        boxes[0] = sequence.boxes[0]
+    return boxes, ok
+
+
+def held(boxes: NDArray[np.float64], ok: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """As a tracker must answer a toolkit."""
+    found = boxes.copy()
+    for index in range(1, len(found)):
+        if not ok[index]:
+            found[index] = found[index - 1]
+    return found
+
+
+def ours(sequence: Sequence, kind: str) -> dict[str, float]:
+    """Our figures."""
+    size = (sequence.frames.shape[2], sequence.frames.shape[1])
+    return summarise(frame_scores(sequence.boxes, sequence.visibility, *answers_of(sequence, kind), size))
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", ["perfect", "drifting"])
+def test_got10k_agrees(kind: str, suite: list[Sequence], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """AO and SR@0.5 of its experiment are our columns, pooled and per sequence; a perfect tracker scores 1."""
+    experiments, trackers = pytest.importorskip("got10k.experiments"), pytest.importorskip("got10k.trackers")
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    boxes = {}
+    for sequence in suite:
+        folder = write_got10k(sequence, tmp_path / "data" / "val")
+        boxes[str(folder / "00000001.jpg")] = held(*answers_of(sequence, kind))
+
+    class Replay(trackers.Tracker):  # type: ignore[misc, name-defined]
+        def track(self, files: list[str], box: Any, visualize: bool = False) -> Any:
+            return boxes[files[0]].copy(), np.full(len(files), 0.01)
+
+    experiment = experiments.ExperimentGOT10k(
+        str(tmp_path / "data"), "val", str(tmp_path / "results"), str(tmp_path / "reports")
+    )
+    experiment.run(Replay(kind, True))
+    found = experiment.report([kind])[kind]
+    rows = {sequence.name: ours(sequence, kind) for sequence in suite}
+    for name, row in rows.items():
+        assert found["seq_wise"][name]["ao"] == pytest.approx(row["ao_got10k"], abs=AGREE)
+        assert found["seq_wise"][name]["sr"] == pytest.approx(row["sr50_got10k"], abs=AGREE)
+    weights = [row["covered"] for row in rows.values()]
+    for key, column in (("ao", "ao_got10k"), ("sr", "sr50_got10k")):
+        pooled = np.average([row[column] for row in rows.values()], weights=weights)
+        assert found["overall"][key] == pytest.approx(pooled, abs=AGREE)
+    if kind == "perfect":
+        assert found["overall"]["ao"] == pytest.approx(1.0, abs=AGREE)
+
+
+@pytest.mark.parametrize("kind", ["perfect", "drifting"])
+def test_otb_agrees(kind: str, suite: list[Sequence], tmp_path: Path) -> None:
+    """Success and precision of its experiment, by its own functions on files that its reader finds."""
+    pytest.importorskip("got10k")
+    from got10k.experiments.otb import ExperimentOTB
+    from got10k.utils.metrics import center_error, rect_iou
+
+    experiment = ExperimentOTB.__new__(ExperimentOTB)
+    experiment.nbins_iou, experiment.nbins_ce = 21, 51
+    for sequence in suite:
+        folder = write_otb(sequence, tmp_path)
+        assert len(list((folder / "img").glob("*.jpg"))) == len(sequence)
+        truth = np.loadtxt(folder / "groundtruth_rect.txt", delimiter=",")
+        boxes = held(*answers_of(sequence, kind)) + np.array([1, 1, 0, 0])
+        boxes[0] = truth[0]
+        success, precision = experiment._calc_curves(rect_iou(boxes, truth), center_error(boxes, truth))
+        row = ours(sequence, kind)
+        assert success.mean() == pytest.approx(row["auc_otb"], abs=1e-12)
+        assert precision[20] == pytest.approx(row["precision_otb"], abs=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_vot_reads_what_we_write(suite: list[Sequence], tmp_path: Path) -> None:
+    """Regions, tags, lengths and anchors are there; the truth overlaps with itself entirely in every frame."""
+    dataset, region = pytest.importorskip("vot.dataset"), pytest.importorskip("vot.region")
+    from vot.experiment.multistart import find_anchors
+
+    for sequence in suite:
+        write_vot(sequence, tmp_path)
+    found = dataset.load_dataset(str(tmp_path))
+    assert sorted(one.name for one in found) == sorted(sequence.name for sequence in suite)
+    for sequence in suite:
+        read = found[sequence.name]
+        size = (sequence.frames.shape[2], sequence.frames.shape[1])
+        assert (len(read), tuple(read.size)) == (len(sequence), size)
+        truths = [read.groundtruth(frame) for frame in range(len(read))]
+        assert min(region.calculate_overlap(truth, truth, size) for truth in truths) == 1.0
+        forward, _ = find_anchors(read)
+        assert forward[0] == 0
+        absent = [frame for frame in range(len(read)) if "absent" in read.tags(frame)]
+        assert absent == np.flatnonzero(sequence.visibility == 0).tolist()
