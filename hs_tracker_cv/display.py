@@ -322,7 +322,8 @@ def flow_colours(flow: NDArray[Any], scale: float) -> Picture:
     share = (place - lower)[..., None]
     hue = (1.0 - share) * wheel[lower % len(wheel)] + share * wheel[(lower + 1) % len(wheel)]
     inside = 1.0 - speed[..., None] * (1.0 - hue)
-    colour = np.where(speed[..., None] <= 1.0, inside, 0.75 * hue)
+    # The rim belongs to the wheel, whatever the last bit of its speed.
+    colour = np.where(speed[..., None] <= 1.0 + 1e-6, inside, 0.75 * hue)
     return np.asarray(np.rint(np.clip(colour, 0.0, 1.0) * 255.0), dtype=np.uint8)
 
 
