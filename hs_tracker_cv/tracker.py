@@ -45,7 +45,7 @@ SEEN_MARGIN = 16
 LAYERS = layers.LayersParams()
 PROPAGATION = PropagationParams()
 
-SURE = 0.9
+SURE = 0.8
 """Score from which the carried box may take over from a segmentation that is doubted, and its size is compared."""
 
 ASK_EVERY = 5

@@ -18,7 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hs_tracker_cv import TrackerHS_create, TrackerHS_Params
-from hs_tracker_cv.anchor import find_peak
+from hs_tracker_cv._native import kernels
 from tests.conftest import moving_square
 
 TRACKERS = 8
@@ -89,14 +89,13 @@ def test_eight_threads_equal_eight_runs_in_sequence() -> None:
 
 def test_kernels_release_the_gil() -> None:
     """Another thread runs while a kernel does, in an interpreter that takes the GIL from nobody."""
-    response = np.zeros((1500, 1500), np.float32)
-    find_peak(response)
+    features, spectrum = np.zeros((40, 40, 24), np.float32), np.empty((40, 21, 2, 24), np.float32)
     inside, seen = threading.Event(), threading.Event()
 
     def work() -> None:
-        for _ in range(500):
+        for _ in range(5000):
             inside.set()
-            find_peak(response)
+            kernels.transform(features, spectrum)
             inside.clear()
             if seen.is_set():
                 return

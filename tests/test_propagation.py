@@ -118,8 +118,9 @@ def _arrays(state: PropagationState) -> list[NDArray[np.float32]]:
         model.previous,
         model.means,
         model.keys,
-        filter_.numerator,
-        filter_.energy,
+        filter_.filter,
+        filter_.witness,
+        state.before.gray,
     ]
     return found if model.histograms is None else [*found, model.histograms]
 
@@ -234,7 +235,7 @@ def test_search_after_a_loss_covers_the_frame() -> None:
     """In one round of places every pixel of the frame is less than a box from one, also at the borders."""
     states = _track(lambda t: _moving(0) if t < 5 else None, 12)
     state = states[-1]
-    view = View(_frame(None), state.geometry, state.pose, state.model.templates)
+    view = View(_frame(None), state.geometry, state.pose, state.model.templates, None)
     assert state.report.lost
     places = [at for turn in range(1, 8) for at in _elsewhere(state.pose, state.geometry, view, turn)]
     y, x = np.mgrid[:180:4, :240:4]

@@ -128,3 +128,95 @@ def median(flow: Planes, out: Planes, side: int) -> None:
 
 def store_flow(flow: Planes, out: Float32) -> None:
     """Copy two planes into an array."""
+
+def describe(
+    picture: Float32,
+    x: float,
+    y: float,
+    step_x: float,
+    step_y: float,
+    angle: float,
+    fade: Float32,
+    names: Float32 | None,
+    features: Float32,
+    grays: Float32,
+) -> None:
+    """Write what the finder sees in a window of 40 × 40 cells of 4 × 4 samples.
+
+    Parameters
+    ----------
+    picture : ndarray, shape (H, W, 1 or 3), float32
+        0–255, BGR. Beyond it its border is repeated.
+    x, y : float
+        The window's centre in pixel-index coordinates.
+    step_x, step_y : float
+        Distance of samples, px.
+    angle : float
+        Turn of the window, radians from x towards y.
+    fade : ndarray, shape (40, 40), float32
+    names : ndarray, shape (32 ** channels, 9), float32, or None
+        What the colours are called.
+    features : ndarray, shape (40, 40, 16 or, with names, 24), float32
+        Written: nine directions of edges, four sums of them, gray, names, zeros; each times `fade`.
+    grays : ndarray, shape (40, 40), float32
+        Written: mean gray of each cell.
+    """
+
+def shade(picture: Float32, x: float, y: float, step_x: float, step_y: float, angle: float, grays: Float32) -> None:
+    """Write the mean gray of each cell only, as :func:`describe` does."""
+
+def transform(features: Float32, spectrum: Float32) -> None:
+    """Write the spectrum (40, 21, 2, C) of each channel (40, 40, C): the parts of its ``rfft2``, real ones first."""
+
+def adapt(
+    spectrum: Float32,
+    target: Float32,
+    penalty: Float32,
+    old: Float32 | None,
+    memory: float,
+    coupling: float,
+    growth: float,
+    rounds: int,
+    learned: Float32,
+) -> None:
+    """Write the filter after one more window; see finder.cpp.
+
+    Parameters
+    ----------
+    spectrum : ndarray, shape (40, 21, 2, C), float32
+    target : ndarray, shape (40, 21), float32
+        Spectrum of the wanted response, which must be real: that of a symmetric one.
+    penalty : ndarray, shape (40, 40), float32
+    old : ndarray like `spectrum`, or None
+        The filter before; None for the first window.
+    memory, coupling, growth : float
+    rounds : int
+    learned : ndarray like `spectrum`
+    """
+
+def respond(
+    learned: Float32,
+    witness: Float32,
+    spectrum: Float32,
+    weight: float,
+    right: float,
+    down: float,
+    across: float,
+    along: float,
+    response: Float32,
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Write the response of a filter, no displacement at [20, 20], and find its peak between the samples.
+
+    Parameters
+    ----------
+    learned, witness, spectrum : ndarray, shape (40, 21, 2, C), float32
+    weight, right, down, across, along : float
+        Of the penalty on distance.
+    response : ndarray, shape (40, 40), float32
+
+    Returns
+    -------
+    tuple of float
+        Displacement (x, y; cells), height, height less the penalty; highest point, mean and deviation of what
+        is more than 4 cells away; the witness's response at the peak.
+    """

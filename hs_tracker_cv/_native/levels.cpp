@@ -10,11 +10,11 @@ namespace {
 
 const Level LEVELS[] = {
 #ifdef HS_X86
-    {"v2", 2, sweeps_v2, warping_v2, grids_v2},
-    {"v3", 3, sweeps_v3, warping_v3, grids_v3},
-    {"v4", 4, sweeps_v4, warping_v4, grids_v4},
+    {"v2", 2, sweeps_v2, warping_v2, grids_v2, finder_v2},
+    {"v3", 3, sweeps_v3, warping_v3, grids_v3, finder_v3},
+    {"v4", 4, sweeps_v4, warping_v4, grids_v4, finder_v4},
 #else
-    {"plain", 1, sweeps_plain, warping_plain, grids_plain},
+    {"plain", 1, sweeps_plain, warping_plain, grids_plain, finder_plain},
 #endif
 };
 

@@ -1,6 +1,7 @@
 // The level whose kernels are in use.
 #pragma once
 
+#include "finder.hpp"
 #include "grids.hpp"
 #include "sweeps.hpp"
 #include "warping.hpp"
@@ -17,6 +18,7 @@ struct Level {
     const SweepKernels &sweeps;
     const WarpKernels &warping;
     const GridKernels &grids;
+    const FinderKernels &finder;
 };
 
 // Names of those that this processor can run, the most capable last.

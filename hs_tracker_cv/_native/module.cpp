@@ -1,5 +1,6 @@
 // What Python sees: arguments are checked here, Python's lock is let go of, and kernels run.
 #include "cpu.hpp"
+#include "finder_bindings.hpp"
 #include "flow.hpp"
 #include "levels.hpp"
 #include "multigrid.hpp"
@@ -285,4 +286,5 @@ NB_MODULE(kernels, module) {
     bind_system(module);
     bind_multigrid(module);
     bind_pyramid(module);
+    bind_finder(module);
 }

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import anchor
 from .kernels import keep
 from .state import Geometry, Pose, PropagationParams, PropagationState
 from .view import Patch
@@ -72,9 +71,19 @@ def body_weights(state: PropagationState) -> F32:
     return np.asarray(np.float32(0.1) + state.kept.repeat(2, 0).repeat(2, 1), np.float32)
 
 
+def correlation(a: F32, b: F32, weights: F32) -> float:
+    """Weighted normalised cross-correlation of two patches, −1 to 1."""
+    total = float(weights.sum())
+    a = a - np.float32(float(np.vdot(weights, a)) / total)
+    b = b - np.float32(float(np.vdot(weights, b)) / total)
+    weighted = weights * a
+    power = float(np.vdot(weighted, a)) * float(np.vdot(weights * b, b))
+    return float(np.vdot(weighted, b)) / math.sqrt(power + 1e-6)
+
+
 def coherence_with(state: PropagationState, patch: F32) -> float:
     """How well a patch continues the last one."""
-    return anchor.correlation(patch, state.model.previous, state.geometry.inner * body_weights(state))
+    return correlation(patch, state.model.previous, state.geometry.inner * body_weights(state))
 
 
 def refreshed(

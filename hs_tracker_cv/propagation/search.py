@@ -9,93 +9,69 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import anchor
+from . import finder as finders
 from .state import Geometry, Pose, PropagationParams, PropagationState
 from .view import View
 
-__all__ = ["Found", "find", "look", "place"]
+__all__ = ["Found", "find", "look"]
 
 F32 = NDArray[np.float32]
 
-_LOOKS, _PLACES, _APART = 8, 200, 1.2
+_LOOKS, _PLACES, _APART = 3, 200, 1.9
 
 
 class Found(NamedTuple):
-    """Answer of the correlation filter: `value` is its height less the distance penalty.
+    """Answer of the correlation filter: the pose of its peak, what it saw, and the chance that the pose is right."""
 
-    `likelihood` is that of the object's colours in the window at the pose `window`, empty where they do not tell.
-    """
-
-    value: float
     pose: Pose
-    height: float
-    response: F32
-    window: Pose
-    likelihood: F32
+    seen: finders.Seen
+    chance: float
 
 
 def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty: float) -> Found:
     """Best place in the window at a pose."""
-    g, model = state.geometry, state.model
-    sight = view.sight(at, model.histograms)
-    response = anchor.respond(model.located, sight.channels)
+    g, finder = state.geometry, state.model.located
+    cell = 4 * g.lattice.step
     right, down = (at.cx - expected.cx) / (g.w * expected.sx), (at.cy - expected.cy) / (g.h * expected.sy)
-    fade = anchor.Fade(penalty, right, down, g.coarse_step / g.w, g.coarse_step / g.h)
-    dx, dy, value, height = anchor.find_peak(response, fade)
-    pose = at.shifted(dx * g.coarse_step * at.sx, dy * g.coarse_step * at.sy)
-    return Found(value, pose, height, response, at, sight.likelihood)
+    seen = finders.look(finder, view.scene(at), finders.Fade(penalty, right, down, cell / g.w, cell / g.h))
+    pose = at.shifted(seen.dx * cell * at.sx, seen.dy * cell * at.sy)
+    return Found(pose, seen, finders.likelihood(seen, seen.height / max(state.peak, 1e-3)))
 
 
 def find(state: PropagationState, view: View, expected: Pose, p: PropagationParams) -> Found:
-    """Best place in the window at the pose expected, and elsewhere where that is a poor one."""
-    g = state.geometry
-    penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
-    best = look(state, view, expected, expected, penalty)
-    if best.height < p.weak * state.peak:
-        lost = state.low - p.patience
+    """Best place in the window at the pose expected; once the object is lost, elsewhere too."""
+    g, lost = state.geometry, state.low - p.patience
+    best = look(state, view, expected, expected, p.distance_penalty / (1.0 + 0.5 * state.low))
+    if lost > 0 and best.chance < p.sure:
         places = _elsewhere(state.pose, g, view, lost)
         for at in places if state.hint is None else [state.hint, *places]:
-            # Nothing is known of where a lost object is, so that no place is worth less than another.
-            best = max(best, look(state, view, at, at if lost > 0 else expected, penalty), key=lambda f: f.value)
+            best = max(best, look(state, view, at, at, 0.0), key=lambda found: found.chance)
     moved = math.hypot(best.pose.cx - expected.cx, best.pose.cy - expected.cy)
-    if moved > p.recentre * g.coarse_step * expected.sx:
-        # The window fades what is far from its centre: only a second look says how high the peak really is.
-        best = look(state, view, best.pose, best.pose if state.low > p.patience else expected, penalty)
+    if moved > p.recentre * math.sqrt(g.w * g.h) * expected.sx:
+        # The window fades what is far from its centre: a second look says how high the peak really is.
+        again = look(state, view, best.pose, best.pose, 0.0)
+        if again.chance > best.chance:
+            return again
     return best
 
 
-def place(found: Found, g: Geometry) -> tuple[float, float]:
-    """Where the pose found has its centre on the lattice of the coarse window."""
-    rows, columns = g.window.shape
-    right, down = found.window.offset(found.pose)
-    x = right / (g.coarse_step * found.window.sx) + 0.5 * (columns - 1)
-    return x, down / (g.coarse_step * found.window.sy) + 0.5 * (rows - 1)
-
-
 def _elsewhere(pose: Pose, g: Geometry, view: View, lost: int) -> list[Pose]:
-    """Where else to look: all round the last pose; once lost, at a few more places in each frame, near ones first.
+    """Where else to look for a lost object: at a few more places in each frame, near ones first.
 
     These are `_APART` boxes apart and cover the frame, or of a large one the part round the last pose;
     then from the beginning again.
     """
-    width, height = g.w * pose.sx, g.h * pose.sy
-    if lost <= 0:
-        steps = [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (1, -1), (-1, 1)]
-        near = (pose.moved(across * width, down * height) for across, down in steps)
-        return [at for at in near if view.contains(at)]
-    width, height = _APART * width, _APART * height
+    apart = _APART * math.sqrt(g.w * g.h * pose.sx * pose.sy)
     frame_width, frame_height = view.size
-    places = _places(
-        *(max(0, math.ceil(room)) for room in (pose.cx / width, (frame_width - pose.cx) / width)),
-        *(max(0, math.ceil(room)) for room in (pose.cy / height, (frame_height - pose.cy) / height)),
-    )
+    room = (pose.cx, frame_width - pose.cx, pose.cy, frame_height - pose.cy)
+    places = _places(*(max(0, math.ceil(each / apart)) for each in room))
     first = _LOOKS * (lost - 1)
     steps = [places[i % len(places)] for i in range(first, first + min(_LOOKS, len(places)))]
     # The outermost places are on the border, where what has left comes back.
     return [
         pose._replace(
-            cx=min(max(pose.cx + across * width, 0.0), frame_width - 1.0),
-            cy=min(max(pose.cy + down * height, 0.0), frame_height - 1.0),
+            cx=min(max(pose.cx + across * apart, 0.0), frame_width - 1.0),
+            cy=min(max(pose.cy + down * apart, 0.0), frame_height - 1.0),
         )
         for across, down in steps
     ]

@@ -10,12 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import anchor
 from ..flow.params import Mode
 from ..geometry import Box
 from ..validation import Count, Shape, Within
+from .finder import Finder, Lattice, lattice_of
 
 __all__ = [
+    "Before",
     "Geometry",
     "Model",
     "Pose",
@@ -60,10 +61,8 @@ class PropagationParams:
         Follow the object's rotation in the picture too; the box is then the upright one round the turned one.
     max_scale_step, max_key_scale : float
         Largest relative change of size taken from one flow field.
-    patch_rate, colour_rate, filter_rate : float
-        Share of a good frame in the running means: patch, colours, correlation filter.
-    filter_sigma : float
-        Width of the filter's wanted response, coarse samples.
+    patch_rate, colour_rate : float
+        Share of a good frame in the running means: patch, colours.
     distance_penalty : float
         Taken from the response at one box size from the prediction (grows with the square).
     velocity_rate : float
@@ -74,23 +73,16 @@ class PropagationParams:
         Fewest good frames between two new keyframes.
     patience : int
         Frames without good agreement before the object counts as lost; bad ones are bridged by the velocity.
-    confidence : float
-        Least sum of peak height and agreement with the first keyframe that is believed.
-    weak : float
-        A peak lower than this share of its running mean makes the search look around.
     recentre : float
-        Displacement, in coarse samples, beyond which the window is looked at again round the peak.
-    far, found, far_level, far_match : float
-        A displacement from the prediction over `far` box sizes, and what a lost object is found again by, needs a
-        peak of `found` that is `far_level` of its running mean, and agreement `far_match` with some keyframe.
-    near, near_level, follow_level : float
-        Any other needs `near_level`; within `near` box sizes, `follow_level` is enough to follow without learning.
-    drop, match_rate, doubt : float
-        Agreement with the best keyframe under `drop` of its running mean (rate `match_rate`) is not learned, unless
-        the sum of peak height and agreement with the first keyframe is over `doubt`.
-    present : float
-        Share of its running mean that the peak keeps, times the share of the object's colours that the box keeps,
-        from which an object within `near` box sizes is followed although it looks like nothing that was learned.
+        Displacement, in box sizes, beyond which the window is looked at again round the peak.
+    near, far : float
+        Displacements from the prediction, box sizes.
+    sure, far_sure, far_match : float
+        Chance of being right from which a place is believed and learned; of one farther than `far`, or after a loss,
+        and the agreement with some keyframe that it needs too.
+    doubt, hopeless, follow : float
+        Within `near`, less is followed without being learned; less than `doubt` for `patience` frames only, unless
+        the box has kept what was in it and the chance is above `hopeless`; less than `follow` not at all.
     separation : float
         Difference of motion, fine samples per frame, from which object and surroundings are told apart.
     mask_rate : float
@@ -125,34 +117,27 @@ class PropagationParams:
     max_key_scale: float = 0.1
     patch_rate: float = 0.03
     colour_rate: float = 0.05
-    filter_rate: float = 0.06
-    filter_sigma: float = 1.6
     distance_penalty: float = 0.15
     velocity_rate: float = 0.5
     keys: int = 4
     key_gap: int = 8
     patience: int = 3
-    confidence: float = 0.36
-    weak: float = 0.42
-    recentre: float = 4.0
-    far: float = 0.6
-    far_level: float = 0.55
-    far_match: float = 0.5
-    found: float = 0.25
+    recentre: float = 0.5
     near: float = 0.35
-    near_level: float = 0.38
-    follow_level: float = 0.33
-    drop: float = 0.55
-    doubt: float = 0.72
-    match_rate: float = 0.1
-    present: float = 0.35
+    far: float = 0.6
+    sure: float = 0.35
+    far_sure: float = 0.5
+    far_match: float = 0.3
+    doubt: float = 0.25
+    hopeless: float = 0.15
+    follow: float = 0.05
     separation: float = 0.3
     mask_rate: float = 0.1
     same: float = 16.0
     changed: float = 40.0
     keep_rate: float = 0.2
     coherent: float = 0.6
-    unsure: float = 0.3
+    unsure: float = 0.5
     new_key: float = 0.8
     reset_below: float = 0.6
     reset_match: float = 0.7
@@ -207,6 +192,26 @@ class Geometry(NamedTuple):
     body_weights: _Half
     window: _Coarse
     inside: Annotated[NDArray[np.uint8], Shape("coarse h", "coarse w")]
+    lattice: Lattice
+
+
+class Before(NamedTuple):
+    """Part of the frame before round the object.
+
+    Parameters
+    ----------
+    gray : ndarray, shape (H, W, 1), float32
+        0–255.
+    left, top : int
+        Where it was cut, in pixels of the thinned frame.
+    thin : int
+        Every so many rows and columns of the frame were kept.
+    """
+
+    gray: Annotated[F32, Shape("part h", "part w", 1)]
+    left: int
+    top: int
+    thin: Annotated[int, Within(1, 2**20)]
 
 
 class PropagationReport(NamedTuple):
@@ -234,7 +239,7 @@ class PropagationReport(NamedTuple):
         Window px per frame.
     peak : float
         Height of the correlation filter's peak.
-    response : ndarray, shape (rows, columns), float32
+    response : ndarray, shape (40, 40), float32
         Response of the correlation filter.
     agreement : float
         Correlation with the mean patch, −1 to 1.
@@ -258,7 +263,7 @@ class PropagationReport(NamedTuple):
     current: _Fine
     flow: Annotated[F32, Shape("fine h", "fine w", 2)]
     peak: float
-    response: _Coarse
+    response: Annotated[F32, Shape(40, 40)]
     agreement: float
     keys: tuple[float, ...]
     kept: float
@@ -281,7 +286,7 @@ class Model(NamedTuple):
         Good frames since the last one was added.
     histograms : ndarray, shape (2, bins), float32, or None
         Shares of the bins inside and outside the box; None where colours do not tell.
-    located : CorrelationFilter
+    located : Finder
     """
 
     previous: _Fine
@@ -289,11 +294,7 @@ class Model(NamedTuple):
     keys: Annotated[F32, Shape("keys", "fine h", "fine w")]
     key_age: Count
     histograms: Annotated[F32, Shape(2, "bins")] | None
-    located: anchor.CorrelationFilter
-
-    def named_lengths(self) -> dict[str, int]:
-        """Lengths of arrays that the arrays here do not tell, by name: channels of what the filter sees."""
-        return {"features": 5 if self.histograms is None else 6}
+    located: Finder
 
     @property
     def templates(self) -> F32:
@@ -309,12 +310,11 @@ class PropagationState(NamedTuple):
     velocity: tuple[float, float]
     model: Model
     peak: float
-    match: float
-    colour: float
     good_frames: Count
     low: Count
     kept: _Half
     hint: Pose | None
+    before: Before
     report: PropagationReport
 
 
@@ -339,7 +339,8 @@ def geometry_of(box: Box, p: PropagationParams) -> Geometry:
     return Geometry(
         box.w, box.h, fine_step, coarse_step, inner.astype(np.float32), weights.astype(np.float32),
         outside.astype(np.float32), halved((square < 1.2).astype(np.float32)),
-        np.float32(4.0) * halved(inner.astype(np.float32)), anchor.hann(ch, cw), inside.astype(np.uint8),
+        np.float32(4.0) * halved(inner.astype(np.float32)), hann(ch, cw), inside.astype(np.uint8),
+        lattice_of(box.w, box.h),
     )  # fmt: skip
 
 
@@ -351,8 +352,16 @@ def belongs(state: PropagationState, width: int, height: int, p: PropagationPara
     g, poses = state.geometry, [pose for pose in (state.pose, state.hint) if pose]
     if max(max(g.w * pose.sx, g.h * pose.sy) for pose in poses) > _LARGEST * max(width, height):
         return False
-    pairs = zip(g, geometry_of(Box(0.0, 0.0, g.w, g.h), p), strict=True)
+    own = geometry_of(Box(0.0, 0.0, g.w, g.h), p)
+    pairs = zip((*g[:-1], *g.lattice), (*own[:-1], *own.lattice), strict=True)
     return all(np.array_equal(np.asarray(one), np.asarray(other)) for one, other in pairs)
+
+
+def hann(height: int, width: int) -> F32:
+    """Raised-cosine window (height, width) that fades to the border, without zero rows."""
+    rows = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(height) + 0.5) / height)
+    columns = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(width) + 0.5) / width)
+    return np.outer(rows, columns).astype(np.float32)
 
 
 def halved(plane: F32) -> F32:

@@ -8,14 +8,14 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import anchor
 from ..flow import HornSchunck
 from ..frames import Frame
 from ..geometry import Box
 from ..patches import COLOURS, GRAYS
+from . import finder as finders
 from .kept import MASK_FLOOR, Carried, Followed, body_weights, carried_along, coherence_with, kept_share, refreshed
 from .kernels import follow, recolour
-from .search import Found, find, look, place
+from .search import Found, find, look
 from .state import (
     Geometry,
     Model,
@@ -78,13 +78,14 @@ def start(frame: Frame, box: Box, params: PropagationParams) -> PropagationState
     """
     g = geometry_of(box, params)
     pose = Pose(box.x + box.w / 2 - 0.5, box.y + box.h / 2 - 0.5, 1.0, 1.0)
-    model, colour = _first_model(View(frame, g, pose, g.weights[np.newaxis]), g, pose, params)
+    view = View(frame, g, pose, g.weights[np.newaxis], None)
+    model = _first_model(view, g, pose)
     patch = model.previous
     report = PropagationReport(
         box, 0.0, True, 1.0, False, *_window(g, pose), patch, patch, np.zeros((*patch.shape, 2), np.float32), 1.0,
-        np.zeros_like(g.window), 1.0, (1.0,), 1.0, _GOOD,
+        np.zeros_like(g.lattice.fade), 1.0, (1.0,), 1.0, _GOOD,
     )  # fmt: skip
-    return PropagationState(g, pose, (0.0, 0.0), model, 1.0, 1.0, colour, 1, 0, g.body, None, report)
+    return PropagationState(g, pose, (0.0, 0.0), model, 1.0, 1, 0, g.body, None, view.part, report)
 
 
 def _window(g: Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -94,21 +95,16 @@ def _window(g: Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, 
     return (pose.cx + 0.5 - 0.5 * columns * across, pose.cy + 0.5 - 0.5 * rows * down), (across, down)
 
 
-def _first_model(view: View, g: Geometry, pose: Pose, p: PropagationParams) -> tuple[Model, float]:
-    """What the first frame tells, and the mean likelihood of the object's colours in its box."""
+def _first_model(view: View, g: Geometry, pose: Pose) -> Model:
     fine, first = view.fine(pose).gray, view.sight(pose, np.zeros((2, COLOURS), np.float32))
-    raw, histograms, colour = first.raw, None, 1.0
+    raw, histograms = first.raw, None
     still, moving = np.zeros((*fine.shape, 2), np.float32), np.ones_like(fine)
     means = np.stack((fine, still[:, :, 0], moving, np.float32(1.0 + MASK_FLOOR) * g.weights))
     if raw.shape[2] == 1 or float(np.abs(raw[:, :, 0] - raw[:, :, 2]).mean()) > _COLOUR_THRESHOLD:
         nothing = np.zeros((2, GRAYS if raw.shape[2] == 1 else COLOURS), np.float32)
         histograms = _recoloured(nothing, first.bins, g, 1.0)
-    sight = view.sight(pose, histograms)
-    if histograms is not None:
-        found = Found(0.0, pose, 0.0, sight.likelihood, pose, sight.likelihood)
-        colour = _followed(fine, fine, still, means[3], g, p, -1.0, found).colour
-    located = anchor.train(sight.channels, p.filter_sigma)
-    return Model(fine, means, fine[np.newaxis], 0, histograms, located), colour
+    located = finders.start(view.scene(pose), g.lattice, histograms is not None and raw.shape[2] == 3)
+    return Model(fine, means, fine[np.newaxis], 0, histograms, located)
 
 
 def _recoloured(histograms: F32, bins: NDArray[np.int32], g: Geometry, rate: float) -> F32:
@@ -140,11 +136,12 @@ def step(
     if near is not None:
         state = state._replace(hint=state.pose._replace(cx=near[0] - 0.5, cy=near[1] - 0.5))
     g, expected = state.geometry, state.pose.moved(*state.velocity)
-    view = View(frame, g, expected, state.model.templates)
+    view = View(frame, g, expected, state.model.templates, state.before)
     found = find(state, view, expected, params)
     carried = _carry(state, view, found, params)
-    pose, keys = _hold(state, view, frame, carried, found.height, params)
-    verdict = _judge(state, frame, pose, expected, found.height, keys, carried.followed.colour, params)
+    pose, keys = _hold(state, view, frame, carried, found.seen.height, params)
+    pose = pose._replace(cx=found.pose.cx, cy=found.pose.cy)
+    verdict = _judge(state, frame, pose, expected, found.chance, max(keys), params)
     kept, means, coarse, leap = state.kept, state.model.means, found.pose, jump_from(g, pose, expected) > params.far
     tracking = state.low <= params.patience
     if tracking and (leap or verdict != _GOOD):
@@ -153,7 +150,7 @@ def step(
             # What goes on in the box has not leapt out of it.
             if leap and coherence > coherence_with(state, view.fine(pose).gray) + _CLEARLY:
                 verdict, coarse = _UNSURE, stayed
-            elif verdict == _WEAK:
+            elif verdict == _WEAK and found.chance > params.hopeless:
                 verdict = _UNSURE
     if verdict == _GOOD:
         seen = view.fine(pose).gray
@@ -164,19 +161,18 @@ def step(
     lost, share = low > params.patience, kept_share(kept, g)
     model = state.model if lost and verdict == _BAD else state.model._replace(previous=view.fine(pose).gray)
     hint = found.pose if lost and verdict == _BAD else None
-    peak, match, colour, good_frames = state.peak, state.match, state.colour, state.good_frames
+    peak, good_frames = state.peak, state.good_frames
     if verdict == _GOOD:
         model = _learn(model, means, view, g, pose, carried.patch.agreement, max(keys), share, params)
-        match += params.match_rate * (max(keys) - match)
-        colour += params.match_rate * (carried.followed.colour - colour)
         good_frames += 1
-        peak += max(0.05, 1.0 / good_frames) * (found.height - peak)
+        peak += max(0.05, 1.0 / good_frames) * (found.seen.height - peak)
+    model = model._replace(located=finders.notice(model.located, found.seen.change))
     report = PropagationReport(
-        box_at(g, pose), pose.angle, not lost, _score(found.height + keys[0], share), lost, *_window(g, found.pose),
-        state.model.previous, carried.start.gray, carried.followed.flow, found.height, found.response,
+        box_at(g, pose), pose.angle, not lost, found.chance, lost, *_window(g, found.pose),
+        state.model.previous, carried.start.gray, carried.followed.flow, found.seen.height, found.seen.response,
         carried.patch.agreement, tuple(keys), share, verdict,
     )  # fmt: skip
-    return PropagationState(g, pose, velocity, model, peak, match, colour, good_frames, low, kept, hint, report)
+    return PropagationState(g, pose, velocity, model, peak, good_frames, low, kept, hint, view.part, report)
 
 
 def _followed(
@@ -187,11 +183,11 @@ def _followed(
     g: Geometry,
     p: PropagationParams,
     separation: float,
-    found: Found | None,
+    likelihood: F32,
 ) -> Followed:
     """What is fitted to the flow key → current; the colours of what was found there are a further weight."""
-    x, y = place(found, g) if found else (0.0, 0.0)
-    likelihood = found.likelihood if found else _NO_COLOURS
+    rows, columns = g.window.shape
+    x, y = 0.5 * (columns - 1), 0.5 * (rows - 1)
     planes = np.empty((5, *prior.shape), np.float32)
     *motion, colour, apart = follow(
         key, current, flow, prior, likelihood, x, y, g.fine_step / g.coarse_step, g.inner, g.outside,
@@ -212,8 +208,9 @@ def _applied(pose: Pose, followed: Followed, g: Geometry, limit: float) -> Pose:
 def _carry(state: PropagationState, view: View, found: Found, p: PropagationParams) -> Carried:
     g, model, coarse = state.geometry, state.model, found.pose
     start = view.fine(coarse)
+    likelihood = view.sight(coarse, model.histograms).likelihood
     flow = _flow(model.previous, start.gray, p, p.levels)
-    followed = _followed(model.previous, start.gray, flow, model.means[3], g, p, p.separation, found)
+    followed = _followed(model.previous, start.gray, flow, model.means[3], g, p, p.separation, likelihood)
     fine = _applied(coarse, followed, g, p.max_scale_step)
     patch = view.fine(fine)
     if patch.agreement < start.agreement - 0.02:
@@ -232,7 +229,7 @@ def _continue(state: PropagationState, view: View, expected: Pose, p: Propagatio
     current = view.fine(expected).gray
     prior = g.weights * (np.float32(MASK_FLOOR) + model.means[2]) * body_weights(state)
     flow = _flow(model.previous, current, p, p.levels)
-    followed = _followed(model.previous, current, flow, prior, g, p, p.separation, None)
+    followed = _followed(model.previous, current, flow, prior, g, p, p.separation, _NO_COLOURS)
     pose = _applied(expected, followed, g, 0.0)
     patch = view.fine(pose).gray
     before, coherence = coherence_with(state, current), coherence_with(state, patch)
@@ -257,7 +254,7 @@ def _hold(
         reset, score = _registered(state, view, 0, view.fine(other).gray, other, g.weights, p)
         # A patch of a few blurred edges fits in many sizes; what surrounds it does not.
         if score > max(p.reset_match, scores[0] + p.reset_gain) and (
-            look(state, view, reset, reset, 0.0).height > p.reset_level * height
+            look(state, view, reset, reset, 0.0).seen.height > p.reset_level * height
         ):
             scores[0] = score
             return reset, scores
@@ -272,7 +269,7 @@ def _registered(
 ) -> tuple[Pose, float]:
     """Pose to which the flow from a keyframe leads, and the agreement there; `current` is the patch at `pose`."""
     g, patch = state.geometry, state.model.keys[key]
-    followed = _followed(patch, current, _flow(patch, current, p, p.key_levels), prior, g, p, -1.0, None)
+    followed = _followed(patch, current, _flow(patch, current, p, p.key_levels), prior, g, p, -1.0, _NO_COLOURS)
     candidate = _applied(pose, followed, g, p.max_key_scale)
     return candidate, view.fine(candidate).keys[key]
 
@@ -290,30 +287,27 @@ def _judge(
     frame: Frame,
     pose: Pose,
     expected: Pose,
-    height: float,
-    keys: list[float],
-    colour: float,
+    chance: float,
+    best_key: float,
     p: PropagationParams,
 ) -> str:
     """Believe the pose and learn, only follow, or reject it.
 
-    Peak height and agreement with the *first* keyframe tell a good box from a bad one far better than agreement
-    with what was learned lately: a mistake that has been learned agrees with itself. A sudden loss of agreement
-    with all keyframes is how an occlusion begins, and must not be learned either.
+    `chance` is that of the pose's overlap with the object by more than half, `best_key` the agreement with the best
+    keyframe.
     """
-    g, level, evidence = state.geometry, height / max(state.peak, 1e-3), height + keys[0]
-    jump = jump_from(g, pose, expected)
-    if _visible(box_at(g, pose), frame) < 0.2:
+    jump = jump_from(state.geometry, pose, expected)
+    if _visible(box_at(state.geometry, pose), frame) < 0.2:
         return _BAD
-    if jump < p.far:
-        enough = level > p.near_level
+    if jump < p.far and state.low <= p.patience:
+        believed = chance > p.sure
     else:
-        enough = height > p.found and level > p.far_level and max(keys) > p.far_match
-    if enough and evidence > p.confidence and (evidence > p.doubt or max(keys) > p.drop * state.match):
+        believed = chance > p.far_sure and best_key > p.far_match
+    if believed:
         return _GOOD
-    if state.low <= p.patience and jump < p.near and level * min(colour / state.colour, 1.0) > p.present:
-        return _UNSURE
-    return _WEAK if jump < p.near and level > p.follow_level else _BAD
+    if jump >= p.near or chance < p.follow:
+        return _BAD
+    return _UNSURE if chance > p.doubt and state.low <= p.patience else _WEAK
 
 
 def _visible(box: Box, frame: Frame) -> float:
@@ -340,19 +334,6 @@ def _settle(
     return old.moved(vx, vy), (0.5 * vx, 0.5 * vy), low
 
 
-def _score(evidence: float, kept: float) -> float:
-    """Chance that the box overlaps the object by more than half: logistic fit to frames of real and drawn sequences.
-
-    Parameters
-    ----------
-    evidence : float
-        Height of the filter's peak + agreement with the first keyframe.
-    kept : float
-        Share of the box that is kept.
-    """
-    return 1.0 / (1.0 + math.exp(4.5 - 3.0 * evidence - 3.2 * kept))
-
-
 def _learn(
     model: Model,
     means: F32,
@@ -365,10 +346,9 @@ def _learn(
     p: PropagationParams,
 ) -> Model:
     histograms = model.histograms
-    sight = view.sight(pose, histograms)
-    located = anchor.learn(model.located, sight.channels, p.filter_rate)
+    located = finders.learn(model.located, view.scene(pose))
     if histograms is not None:
-        histograms = _recoloured(histograms, sight.bins, g, p.colour_rate)
+        histograms = _recoloured(histograms, view.sight(pose, histograms).bins, g, p.colour_rate)
     keys, age = model.keys, model.key_age + 1
     if best_key < _KEY_MATCH and agreement > 0.6 and kept >= p.new_key and age >= p.key_gap:
         keys, age = np.stack((keys[0], *keys[1:][2 - p.keys :], model.previous)), 0

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from .. import patches
 from ..frames import Frame, crop, to_gray
 from ..patches import Place, Sight
-from .state import Geometry, Pose
+from .finder import PATCH, Scene
+from .state import Before, Geometry, Pose
 
 __all__ = ["Patch", "View"]
 
@@ -40,19 +41,19 @@ class Patch(NamedTuple):
 class View:
     """The part of a frame round the object, cut once and sampled often."""
 
-    def __init__(self, frame: Frame, geometry: Geometry, pose: Pose, templates: F32) -> None:
+    def __init__(self, frame: Frame, geometry: Geometry, pose: Pose, templates: F32, before: Before | None) -> None:
         fine = geometry.fine_step * min(pose.sx, pose.sy)
         # Thinning the pixels keeps the cost of a large object that of a small one: two reads a sample remain.
         self._thin = max(1, int(fine / 2.0))
         self._frame = replace(frame, pixels=frame.pixels[:: self._thin, :: self._thin])
         self._geometry = geometry
         self._templates = templates
+        self._before = before
         self._seen: dict[Pose, Patch] = {}
         self._left = self._top = self._right = self._bottom = 0
         self._colour: F32 = np.empty((0, 0, 1), np.float32)
         self._gray: F32 = np.empty((0, 0), np.float32)
-        rows, columns = geometry.window.shape
-        self._cut(pose, geometry.coarse_step, rows, columns)
+        self._cut(pose, geometry.lattice.step, PATCH, PATCH)
 
     def fine(self, pose: Pose) -> Patch:
         """Fine patch at a pose."""
@@ -70,6 +71,28 @@ class View:
         window = self._geometry.window
         at = self._place(pose, self._geometry.coarse_step, *window.shape)
         return patches.sight(self._colour, self._gray, at, histograms, window)
+
+    def scene(self, pose: Pose) -> Scene:
+        """Window of the finder at a pose."""
+        step, before = self._geometry.lattice.step, self._before
+        at = then = self._place(pose, step, PATCH, PATCH)
+        if before is None:
+            return Scene(self._colour, at, None, then)
+        t = before.thin
+        then = Place(
+            pose.cx / t - before.left, pose.cy / t - before.top, step * pose.sx / t, step * pose.sy / t, pose.angle
+        )
+        height, width = before.gray.shape[:2]
+        # Most of the window, which fades, must have been seen: nothing is known of changes elsewhere.
+        half_x, half_y = 0.42 * PATCH * then.step_x, 0.42 * PATCH * then.step_y
+        if not (half_x <= then.x <= width - half_x and half_y <= then.y <= height - half_y):
+            return Scene(self._colour, at, None, then)
+        return Scene(self._colour, at, before.gray, then)
+
+    @property
+    def part(self) -> Before:
+        """What was cut, for the frame that follows."""
+        return Before(self._gray[:, :, np.newaxis], self._left, self._top, self._thin)
 
     @property
     def size(self) -> tuple[float, float]:

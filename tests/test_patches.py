@@ -1,4 +1,4 @@
-"""The correlation filter and the patch agreement, on images whose shift is known."""
+"""What is seen in patches, and how well they agree."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv import anchor, patches
+from hs_tracker_cv import patches
 from hs_tracker_cv.patches import COLOURS, GRAYS, Place
+from hs_tracker_cv.propagation.kept import correlation
+from hs_tracker_cv.propagation.state import hann
 
 SIDE = 64
 
@@ -35,56 +37,12 @@ def _sight(
     return patches.sight(np.ascontiguousarray(colour), gray, at, histograms, window)
 
 
-def _channels(window: NDArray[np.float32]) -> NDArray[np.float32]:
-    return _sight(window[:, :, None], None, anchor.hann(SIDE, SIDE)).channels
-
-
-@pytest.mark.parametrize(
-    ("dx", "dy"),
-    [
-        (0.0, 0.0),  # nothing moved
-        (5.0, -3.0),  # whole samples
-        (-2.5, 4.25),  # between samples
-        (3.3, 2.6),  # between samples, both ways
-    ],
-)
-def test_peak_is_at_the_known_shift(dx: float, dy: float) -> None:
-    """The response peaks within a fifth of a sample of the true displacement."""
-    scene = _scene()
-    learned = anchor.train(_channels(_window(scene, 0, 0)), 1.6)
-    peak = anchor.find_peak(anchor.respond(learned, _channels(_window(scene, dx, dy))))
-    assert peak.dx == pytest.approx(dx, abs=0.2)
-    assert peak.dy == pytest.approx(dy, abs=0.2)
-
-
-def test_response_to_what_was_learned_is_nearly_one() -> None:
-    """The window the filter was trained on answers with a peak just under 1, another scene with far less."""
-    learned = anchor.train(_channels(_window(_scene(), 0, 0)), 1.6)
-    same = anchor.find_peak(anchor.respond(learned, _channels(_window(_scene(), 0, 0))))
-    other = anchor.find_peak(anchor.respond(learned, _channels(_window(_scene(8), 0, 0))))
-    assert 0.9 < same.height <= 1.0
-    assert other.height < 0.4
-
-
-def test_learning_moves_the_filter_and_leaves_the_old_one_alone() -> None:
-    """After enough windows of a new scene the filter knows it, and the filter it came from is unchanged."""
-    old = anchor.train(_channels(_window(_scene(), 0, 0)), 1.6)
-    before = old.numerator.copy(), old.energy.copy()
-    new_view = _channels(_window(_scene(8), 0, 0))
-    new = old
-    for _ in range(60):
-        new = anchor.learn(new, new_view, 0.1)
-    assert anchor.find_peak(anchor.respond(new, new_view)).height > 0.9
-    np.testing.assert_array_equal(old.numerator, before[0])
-    np.testing.assert_array_equal(old.energy, before[1])
-
-
 def test_likelihood_adds_a_channel() -> None:
     """Colours of the object are a sixth channel; every channel fades towards the border."""
     window, histograms = _window(_scene(), 0, 0)[:, :, None].repeat(3, 2), np.full((2, COLOURS), 0.1, np.float32)
     window[40:80, 40:80] = (200.0, 10.0, 90.0)
     histograms[0, (12 << 8) + (0 << 4) + 5] = 0.9
-    channels = _sight(window, histograms, anchor.hann(SIDE, SIDE)).channels
+    channels = _sight(window, histograms, hann(SIDE, SIDE)).channels
     assert channels.shape == (6, SIDE, SIDE)
     assert np.abs(channels[:, 0]).max() < 0.02
     assert channels[5, 25:35, 25:35].min() > 0.5
@@ -138,28 +96,6 @@ def test_orientation_has_its_channel(turn: int) -> None:
     np.testing.assert_array_equal(edges(flat), 0.0)
 
 
-def test_peak_position_is_parabolic() -> None:
-    """A sampled paraboloid gives back its vertex."""
-    y, x = np.mgrid[:16, :20].astype(np.float32)
-    score = np.asarray(1 - 0.01 * ((x - 12.3) ** 2 + (y - 6.8) ** 2), np.float32)
-    peak = anchor.find_peak(score)
-    assert peak.dx == pytest.approx(2.3, abs=1e-3)
-    assert peak.dy == pytest.approx(-1.2, abs=1e-3)
-    assert peak.height == peak.response == score[7, 12]
-
-
-def test_fade_lowers_what_is_far_from_a_point() -> None:
-    """Of two equal peaks the nearer one is found; its height is lowered by the weight times the squared distance."""
-    score = np.zeros((16, 20), np.float32)
-    score[5, 4] = score[5, 16] = 0.8
-    # The point is 3 samples to the right of the middle and 1 above it; a unit is 4 samples, and 2.
-    fade = anchor.Fade(0.1, -3 / 4, 1 / 2, 1 / 4, 1 / 2)
-    peak = anchor.find_peak(score, fade)
-    assert (round(peak.dx), round(peak.dy)) == (6, -3)
-    assert peak.response == score[5, 16]
-    assert peak.height == pytest.approx(0.8 - 0.1 * ((3 / 4) ** 2 + (2 / 2) ** 2))
-
-
 @pytest.mark.parametrize(
     ("gain", "offset", "expected"),
     [
@@ -171,7 +107,7 @@ def test_fade_lowers_what_is_far_from_a_point() -> None:
 def test_correlation_ignores_gain_and_offset(gain: float, offset: float, expected: float) -> None:
     """Agreement is ±1 for any linear change of brightness."""
     patch = _window(_scene(), 0, 0)
-    weights = anchor.hann(2 * SIDE, 2 * SIDE)
+    weights = hann(2 * SIDE, 2 * SIDE)
     changed = np.asarray(gain * patch + offset, np.float32)
-    assert anchor.correlation(patch, changed, weights) == pytest.approx(expected, abs=1e-3)
-    assert abs(anchor.correlation(patch, _window(_scene(8), 0, 0), weights)) < 0.4
+    assert correlation(patch, changed, weights) == pytest.approx(expected, abs=1e-3)
+    assert abs(correlation(patch, _window(_scene(8), 0, 0), weights)) < 0.4
