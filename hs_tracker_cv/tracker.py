@@ -28,6 +28,7 @@ from .frames import (
 )
 from .geometry import Box, iou
 from .layers import LayersReport, LayersState
+from .overview import Overview, overview, same_scene
 from .params import TrackerHS_Params
 from .patches import COLOURS, GRAYS
 from .propagation import PropagationParams, PropagationReport, PropagationState
@@ -63,8 +64,11 @@ SIGHTED = 0.45
 WHOLE = 0.8
 """Share of the object sighted from which segmentation begins anew there."""
 
-STATE_VERSION = 1
+STATE_VERSION = 2
 """Of what a pickle of a tracker holds; a change of any class in it changes the number."""
+
+PATIENCE = 60
+"""Frames of another scene after which that is taken to be the scene."""
 
 TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
 
@@ -142,6 +146,8 @@ class _Track:
     state: TrackerState = "tracking"
     target: Target | None = None
     scene: Scene | None = None
+    overview: Overview | None = None
+    interrupted: Count = 0
 
     def follows(self, parameters: TrackerHS_Params) -> bool:
         """Tell whether a tracker of these parameters may have such a track."""
@@ -243,6 +249,7 @@ class TrackerHS:
             box=box,
             options=options,
             first=_Seen.of(frame, box),
+            overview=overview(frame),
         )
 
     @fixed_errstate
@@ -364,6 +371,14 @@ def _next(track: _Track, image: Any) -> Frame | None:
 
 def _advance(track: _Track, frame: Frame) -> _Track:
     """Take one frame in: the modes look, the rule chooses, the track is replaced."""
+    now = overview(frame)
+    if track.overview is not None and not same_scene(track.overview, now, track.interrupted + 1):
+        if track.interrupted < PATIENCE:
+            return replace(track, first=None, score=0.0, state="lost", interrupted=track.interrupted + 1)
+    if track.interrupted:
+        found = _resume(track, frame, now)
+        if found is not None:
+            return found
     seen = sighting.look(track.scene, frame) if track.scene else None
     segmented, carried, choice = _look(track, frame, seen)
     if segmented and carried:
@@ -379,8 +394,24 @@ def _advance(track: _Track, frame: Frame) -> _Track:
         score=report.score,
         state=_state(report, frame),
         target=_known(track.target, segmented, choice),
+        overview=now,
     )
     return advanced if advanced.state == "tracking" else _await(track, advanced, frame, seen)
+
+
+def _resume(track: _Track, frame: Frame, now: Overview) -> _Track | None:
+    """The scene is seen again after an interruption: find the object where it has gone meanwhile."""
+    if track.layers is None or not track.choice.trusted or not track.layers.report.ok:
+        return None
+    segmented = layers.relocate(track.layers, frame, track.interrupted, LAYERS)
+    if segmented is None:
+        return None
+    report = segmented.report
+    carried = propagation.ride(track.propagation, report.box) if track.propagation else None
+    return replace(
+        track, layers=segmented, propagation=carried, box=report.box, score=0.9, state=_state(report, frame),
+        overview=now, interrupted=0,
+    )  # fmt: skip
 
 
 def _choose(
@@ -455,7 +486,7 @@ def _look(
     near = seen.box.centre if seen else None
     if segmented is None or carried is None or choice.frames < WITNESS_FRAMES:
         return (
-            layers.step(segmented, frame, LAYERS) if segmented else None,
+            _segment(segmented, frame) if segmented else None,
             propagation.step(carried, frame, track.options, near=near) if carried else None,
             choice,
         )
@@ -464,12 +495,21 @@ def _look(
         if choice.since % WATCH_EVERY == 0:
             segmented = layers.watch(segmented, frame, carried.report.box, LAYERS)
         return segmented, carried, choice
-    segmented = layers.step(segmented, frame, LAYERS)
+    segmented = _segment(segmented, frame)
     if segmented.report.ok and not _believable(segmented.report.box, track.scene, seen, frame):
         segmented = segmented.replace(report=replace(segmented.report, ok=False, lost=True, score=0.0))
     if segmented.report.ok:
         return segmented, propagation.ride(carried, segmented.report.box), choice
     return _search(track, segmented, carried, frame, seen)
+
+
+def _segment(state: LayersState, frame: Frame) -> LayersState:
+    """Follow the object by segmentation; where it is not where it was expected, find its layer again farther away."""
+    stepped = layers.step(state, frame, LAYERS)
+    if stepped.report.ok or stepped.report.occluded or state.count < 3:
+        return stepped
+    found = layers.relocate(state, frame, state.occlusion.coasting, LAYERS)
+    return stepped if found is None else found
 
 
 def _search(

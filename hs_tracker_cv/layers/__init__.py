@@ -6,7 +6,8 @@ Everything is a pure function from one frozen state to the next.
 
 from __future__ import annotations
 
+from .relocation import relocate
 from .state import LayersParams, LayersReport, LayersState
 from .tracking import belongs, reseed, start, step, watch
 
-__all__ = ["LayersParams", "LayersReport", "LayersState", "belongs", "reseed", "start", "step", "watch"]
+__all__ = ["LayersParams", "LayersReport", "LayersState", "belongs", "relocate", "reseed", "start", "step", "watch"]

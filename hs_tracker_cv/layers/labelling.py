@@ -19,6 +19,8 @@ __all__ = ["Expected", "Labels", "assign", "displace", "expect", "expect_nothing
 _TAU_OBJECT = 0.35  # object layer: error per unit of gradient, px
 _TAU_WHOLE, _TAU_FRACTION = 0.15, 0.3  # background: camera on whole pixels or between
 _ROOM = 4  # px
+_SURELY = 3.0  # log-odds from which a pixel was the object and no ground was seen there
+_NOWHERE = 1e4  # gray levels: unlike anything
 _KAPPA_COLOUR = 1.8  # three channels tell more than one, but not three times as much
 
 
@@ -101,7 +103,7 @@ def expect(state: LayersState, view: View, moves: motion.Moves) -> tuple[Expecte
     everywhere = hidden or state.distractor is not None
     expected = Expected(
         background=translated(moves.atlas.image, *moves.atlas.offset),
-        moved=translated(state.previous, *moves.camera),
+        moved=_ground_of_last(state, moves),
         carried=np.empty_like(state.previous),
         odds=np.empty_like(state.odds),
         own=np.empty((h, w), np.uint8),
@@ -117,6 +119,17 @@ def expect(state: LayersState, view: View, moves: motion.Moves) -> tuple[Expecte
         expected.shape, expected.own, errors, fresh,
     )  # fmt: skip
     return expected, Evidence(errors, fresh, alike)
+
+
+def _ground_of_last(state: LayersState, moves: motion.Moves) -> Image:
+    """The last frame moved by the camera, and nothing where the object surely was: no ground was seen there."""
+    moved = translated(state.previous, *moves.camera)
+    sure = state.odds > _SURELY
+    if not sure.any():
+        return moved
+    dx, dy = (-round(speed) for speed in moves.camera)
+    hidden = shifted_mask(sure.view(np.uint8), dx, dy, state.odds.shape) if (dx, dy) != (0, 0) else sure
+    return np.where(hidden[:, :, np.newaxis] != 0, np.float32(_NOWHERE), moved)
 
 
 def expect_nothing(state: LayersState, view: View, moves: motion.Moves, odds: Plane) -> Expected:

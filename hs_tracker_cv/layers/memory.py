@@ -96,11 +96,12 @@ def learn_frame(
     odds, shape = np.empty((h, w), np.float32), np.empty((h, w), np.float32)
     obj, picture, counts = np.empty_like(expected.obj), np.empty_like(atlas.image), np.empty_like(atlas.counts)
     colours, tally = np.empty_like(state.colours), np.empty_like(state.colours)
+    rate = max(_COLOUR_RATE, 1.0 / (state.count + 2))  # the ground in a box just drawn is soon forgotten
     known, strange, spread = learn(
         view.image, aligned, labels.mask, expected.own, for_kernel(labels.distractor),
         labels.odds, labels.raw, expected.odds, expected.obj, expected.shape, labels.errors, labels.bins, atlas.image,
         atlas.counts, expected.part, view.inside, 0.3 if state.count < _YOUNG else 0.08, hidden or suspected, hidden,
-        state.colours, 0.0 if hidden else _COLOUR_RATE, np.empty((3, h, w), np.uint8), tally,
+        state.colours, 0.0 if hidden else rate, np.empty((3, h, w), np.uint8), tally,
         np.empty(2000, np.float32), odds, obj, shape, picture, counts, colours,
     )  # fmt: skip
     if hidden:

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import math
 import threading
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from . import background as ground
+from . import kernels
 from .kernels import FAR_OFF, foresee, measure, residual, start_flow
 from .state import Atlas, Image, LayersParams, LayersState, Plane
-from .window import View
+from .window import View, translated
 
 __all__ = ["Grid", "Moves", "displace", "find", "follow", "inverse_matrix", "where_to"]
 
 _LOCAL = threading.local()
 _NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
-_EVENLY, _BY_ODDS, _AS_VISIBLE = range(3)  # what the pixels of the object weigh, for `kernels.foresee`
+_EVENLY, _BY_ODDS, _AS_VISIBLE, _AS_CHANGED = range(4)  # what the pixels of the object weigh, for `kernels.foresee`
 _POINTS = 2400  # room for those that motion is measured by
-_STEPS = 3  # most of Gauss–Newton, of object and camera
+_STEPS, _FIRST_STEPS = 3, 6  # most of Gauss–Newton; while the object is young
+_YOUNG = 10  # frames in which what moves with the object is still being found out
+_FLOOR = 0.01  # weight of a pixel of the box that has not changed yet
+_CHANGE, _SURE_CHANGE = 3.0, 9.0  # mean square over 3 × 3 pixels, in units of noise²: least change, and what is added
+_REST = 0.12  # px per frame: a camera that moves less stands still
 _CAMERA_STEPS = 3
 
 
@@ -44,6 +49,7 @@ class Moves(NamedTuple):
     atlas : the background, registered to this frame.
     contrast : how much the object moves against the camera, 0–1, slowly forgetting.
     extent : (x0, y0, x1, y1) of all that may have belonged to the object, window px of the last frame.
+    misfit : how little what is seen along the motion looks like the object, 0 (as ever) to 1 (nothing like it).
     """
 
     grid: Grid
@@ -54,6 +60,7 @@ class Moves(NamedTuple):
     atlas: Atlas
     contrast: float
     extent: tuple[int, int, int, int]
+    misfit: float
 
     @property
     def velocity(self) -> tuple[float, float]:
@@ -66,9 +73,10 @@ def find(state: LayersState, view: View, params: LayersParams) -> Moves:
     hidden = state.visible is not None
     coasting = state.occlusion.coasting > 0
     # the corners of a drawn box are ground, more often than not
-    way = _AS_VISIBLE if hidden else _BY_ODDS if state.count == 0 else _EVENLY
+    way = _AS_VISIBLE if hidden else _AS_CHANGED if state.count < _YOUNG else _EVENLY
+    changed = _changed(state, view, _first_camera(state, view, params)) if way == _AS_CHANGED else None
     known = state.occlusion.occluded or coasting
-    seen = _foresee(state, view, state.odds, way, (*state.velocity, *state.linear), known=known)
+    seen = _foresee(state, view, state.odds, way, (*state.velocity, *state.linear), known=known, changed=changed)
     if not known and (state.count == 0 or seen.cost > 1.5 * state.match_cost + 1.0):
         seen = _search_too(state, view, seen)
     flow = _dense_flow(view, seen.start, state, params)
@@ -79,6 +87,53 @@ def find(state: LayersState, view: View, params: LayersParams) -> Moves:
     else:
         registered, theta = _measure(state, view, flow, seen, state.odds, count=seen.listed)
     return _moves(state, view, seen, flow, registered, theta, state.match_cost if known else seen.cost)
+
+
+def _changed(state: LayersState, view: View, camera: tuple[float, float]) -> NDArray[np.uint8]:
+    """How surely each pixel has changed since the first frame or the last, 0–255, the camera's motion apart.
+
+    What has is the object or has been covered by it; what has not, in a box just drawn, is rather ground.
+    """
+    offset = state.atlas.offset[0] + camera[0], state.atlas.offset[1] + camera[1]
+    ground, previous = translated(state.atlas.image, *offset), translated(state.previous, *camera)
+    # lights that change for all of the window are no motion
+    outside = _outside(state)
+    first = view.image - ground * _gains(view.image, ground, outside)
+    last = view.image - previous * _gains(view.image, previous, outside)
+    square = np.maximum((first * first).mean(axis=2), (last * last).mean(axis=2))
+    square = cv2.blur(square, (3, 3))
+    noise = state.noise**2
+    return np.asarray(
+        255 * np.clip(_FLOOR + (square - _CHANGE * noise) / (_SURE_CHANGE * noise), _FLOOR, 1.0), np.uint8
+    )
+
+
+def _outside(state: LayersState) -> NDArray[np.bool_]:
+    """Pixels of the window well outside the last box."""
+    x0, y0 = (int(state.box[i] - state.origin[i]) for i in (0, 1))
+    outside = np.ones(state.odds.shape, bool)
+    outside[max(y0 - 2, 0) : int(y0 + state.box[3]) + 3, max(x0 - 2, 0) : int(x0 + state.box[2]) + 3] = False
+    return outside
+
+
+def _gains(image: Image, reference: Image, where: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """How much brighter each channel has become, by its mean over some pixels."""
+    if not where.any():
+        return np.ones(3, np.float32)
+    now, before = image[where].mean(axis=0), reference[where].mean(axis=0)
+    return np.asarray((now + 1.0) / (before + 1.0), np.float32)
+
+
+def _first_camera(state: LayersState, view: View, params: LayersParams) -> tuple[float, float]:
+    """Motion of the camera by the flow round the object alone, before anything is known of the object's."""
+    start = np.empty((*view.gray.shape, 2), np.float32)
+    start[:] = state.camera
+    flow = _dense_flow(view, start, state, params)
+    outside = _outside(state)
+    if not outside.any():
+        return state.camera
+    u, v = (float(np.median(flow[:, :, i][outside])) for i in (0, 1))
+    return (0.0, 0.0) if math.hypot(u, v) < _REST else (u, v)
 
 
 def follow(state: LayersState, view: View, odds: Plane, velocity: tuple[float, float], params: LayersParams) -> Moves:
@@ -121,7 +176,14 @@ class _Foreseen(NamedTuple):
 
 
 def _foresee(
-    state: LayersState, view: View, odds: Plane, way: int, motion: tuple[float, ...], *, known: bool
+    state: LayersState,
+    view: View,
+    odds: Plane,
+    way: int,
+    motion: tuple[float, ...],
+    *,
+    known: bool,
+    changed: NDArray[np.uint8] | None = None,
 ) -> _Foreseen:
     """Outline of the object {odds > 0}, and the motion expected for this frame.
 
@@ -139,10 +201,11 @@ def _foresee(
         )
     )
     masks, weight = np.empty((3, h, w), np.uint8), np.empty_like(odds)
+    shown = next((plane for plane in (changed, state.visible) if plane is not None), masks[0])
     points, start = np.empty((14, max(_POINTS, h * w // 16 + 64)), np.float32), np.empty((h, w, 2), np.float32)
     sums, theta = np.empty(9), np.empty(8)
     count, cost = foresee(
-        odds, masks[0] if state.visible is None else state.visible, way, box, state.obj, view.image, view.inside,
+        odds, shown, way, box, state.obj, view.image, view.inside,
         np.array(motion), np.array(state.camera), known, masks, weight, points, sums, theta, start,
     )  # fmt: skip
     return _Foreseen(masks[1], weight, points, count, sums, theta, cost, start)
@@ -153,11 +216,11 @@ def _measure(
 ) -> tuple[ground.Registered, NDArray[np.float64]]:
     """How the background moved and how the object did; only the first without any points."""
     register, theta = np.empty(8), np.empty(8)
-    atlas = state.atlas
+    atlas, young = state.atlas, state.count < _YOUNG
     measure(
         flow, view.image, view.previous, view.inside, seen.near, np.array(state.camera), state.noise, atlas.image,
         atlas.counts, np.array(atlas.offset), _CAMERA_STEPS, odds, seen.weight, seen.sums, seen.points, count,
-        seen.theta, state.occlusion.occluded, state.count < 3, _STEPS, np.empty_like(odds),
+        seen.theta, state.occlusion.occluded, young, _FIRST_STEPS if young else _STEPS, np.empty_like(odds),
         np.empty_like(seen.points), register, theta,
     )  # fmt: skip
     return ground.Registered.of(register), theta
@@ -175,7 +238,9 @@ def _moves(
     atlas, camera = ground.place(state.atlas, registered, view.image, state.odds)
     x0, y0, x1, y1 = map(int, seen.sums[5:].tolist())
     contrast = _contrast(theta, camera, state.contrast)
-    return Moves(seen.grid, theta, residual, flow, camera, atlas, contrast, (x0, y0, x1, y1))
+    strange = 4.0 * state.noise + 8.0
+    misfit = kernels.residual(view.image, seen.points, seen.listed, theta, strange, view.inside) / strange
+    return Moves(seen.grid, theta, residual, flow, camera, atlas, contrast, (x0, y0, x1, y1), min(misfit, 1.0))
 
 
 def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: float) -> float:
@@ -197,12 +262,22 @@ def _search_too(state: LayersState, view: View, seen: _Foreseen) -> _Foreseen:
     cost = residual(view.image, seen.points, seen.listed, theta, FAR_OFF, view.inside)
     dx, dy = shift[0] - state.velocity[0], shift[1] - state.velocity[1]
     distance = dx * dx + dy * dy
-    penalised = cost * (1 + distance / (2 * (0.5 * grid.scale + 8) ** 2)) + 0.02 * distance
+    penalised = _penalised(cost, distance, grid)
     if penalised >= (0.92 * seen.cost - 0.15 if state.count == 0 else 0.85 * seen.cost - 0.5):
         return seen
     start = np.empty_like(seen.start)
     start_flow(seen.near, seen.sums, theta, np.array(state.camera), start)
     return seen._replace(theta=theta, cost=cost, start=start)
+
+
+_Cost = TypeVar("_Cost", float, Plane)
+
+
+def _penalised(cost: _Cost, distance: _Cost, grid: Grid) -> _Cost:
+    """Cost of a translation, higher the farther (squared distance, px²) it is from the one expected."""
+    room = 8.0 * (0.5 * grid.scale + 8.0) ** 2
+    penalised: _Cost = cost * (1.0 + distance / room) + 0.005 * distance
+    return penalised
 
 
 def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
@@ -225,11 +300,11 @@ def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tupl
         template.shape
     )
     squares = cv2.matchTemplate(image, template, cv2.TM_SQDIFF, mask=masks)
-    cost = np.sqrt(np.maximum(squares, 0) / max(float(masks.sum()), 1.0))
+    cost: Plane = np.sqrt(np.maximum(squares, 0) / max(float(masks.sum()), 1.0))
     sx = reduce * (np.arange(cost.shape[1]) - x) - state.velocity[0]
     sy = reduce * (np.arange(cost.shape[0]) - y) - state.velocity[1]
-    distance = sx[np.newaxis, :] ** 2 + sy[:, np.newaxis] ** 2
-    cost = cost * (1 + distance / (2 * (0.5 * grid.scale + 8) ** 2)) + 0.02 * distance
+    distance = np.asarray(sx[np.newaxis, :] ** 2 + sy[:, np.newaxis] ** 2, np.float32)
+    cost = _penalised(cost, distance, grid)
     row, column = divmod(int(np.argmin(cost)), cost.shape[1])
     return float(reduce * (column - x)), float(reduce * (row - y))
 

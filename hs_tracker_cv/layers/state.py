@@ -23,6 +23,12 @@ _Seen = Annotated[NDArray[np.float32], Shape("seen h", "seen w")]
 _Step = Annotated[int, Within(1, 2**20)]
 
 
+_Factor = Annotated[float, Within(1e-3, 1e3)]
+Light = tuple[_Factor, _Factor, _Factor]
+"""How much brighter than in the first frame blue, green and red are."""
+EVEN_LIGHT: Light = (1.0, 1.0, 1.0)
+
+
 @dataclass(frozen=True)
 class LayersParams:
     """Parameters of the two-layer model. Lengths are lattice pixels (frame px / step), intensities 0–255.
@@ -228,6 +234,9 @@ class LayersState:
     match_cost : float
         Running mean residual of the predicted motion, gray levels.
     occlusion : Occlusion
+    light : tuple of float
+        How much brighter the frame just seen is than the first one, per channel; all images here are in the light of
+        the first.
     """
 
     report: LayersReport
@@ -251,6 +260,7 @@ class LayersState:
     contrast: float = 0.0
     match_cost: float = 0.0
     occlusion: Occlusion = NOTHING_IN_FRONT
+    light: Light = EVEN_LIGHT
 
     def replace(self, **changes: Any) -> LayersState:
         """Return a copy with some fields changed."""

@@ -24,6 +24,7 @@ __all__ = ["reseed", "start", "step", "watch"]
 _FAR = 40  # lattice px: farthest an unseen object is looked for from where it is expected
 _UNSEEN = 0.12  # visible share below which the object counts as out of sight
 _ALIKE = 0.2  # of what is taken for the object so much must look about as it did
+_GONE = 0.7  # misfit from which the object is not there
 _YOUNG = 5  # frames before which the shape is too little known to conclude from what is missing of it
 _NOTHING = 0.02  # visible share below which that is believed at once
 
@@ -253,9 +254,11 @@ def _judge(
     was_hidden = state.occlusion.coasting > 0
     usable = moves.contrast >= 0.2 and state.count >= _YOUNG
     share = hiding.visible_share(sight.area, sight.both, sight.seen, hidden=was_hidden)
-    vanished = alike < _ALIKE * share and usable and (state.occlusion.vanished or not state.occlusion.occluded)
+    vanished = moves.misfit > _GONE or (
+        alike < _ALIKE * share and usable and (state.occlusion.vanished or not state.occlusion.occluded)
+    )
     if vanished:  # what is there is not the object, whatever it may be
-        share = min(share, alike)
+        share = min(share, 1.0 - moves.misfit)
     box = sight.box
     covered = False
     if in_front is not None:
@@ -364,6 +367,7 @@ def _conclude(
         contrast=moves.contrast,
         match_cost=state.match_cost + rate * (moves.residual - state.match_cost),
         occlusion=outcome.occlusion,
+        light=view.light,
     )
     return _advance(concluded, frame, params)
 
@@ -375,4 +379,4 @@ def _advance(state: LayersState, frame: Frame, params: LayersParams) -> LayersSt
         state = memory.rescale(state, lattice_step(longest * state.step, params.working_size))
     margin = _margin(state.box, state.count, state.occlusion.coasting, params)
     origin, size = place_window(state.box, state.velocity, margin, _extent(frame, state.step))
-    return memory.move(state, grab(frame, origin, size, state.step), origin)
+    return memory.move(state, grab(frame, origin, size, state.step, state.light), origin)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..frames import Frame, crop
 from .kernels import resample, shift, smooth
-from .state import Image, LayersState, Plane
+from .state import EVEN_LIGHT, Image, LayersState, Light, Plane
 
 __all__ = [
     "Picture",
@@ -26,9 +26,15 @@ __all__ = [
     "translated",
 ]
 
+_SUDDEN = 2.0  # lattice px per frame: a change of speed that the margin has room for
 _RING = 2  # px more on each side, so that the prefilter's border lies outside the window
 _TAPS = cv2.getGaussianKernel(2 * _RING + 1, 0.7).astype(np.float32).ravel()[_RING:]
 _SIZES = 4  # windows are so many px high and wide, times a whole number: flow is planned once per size
+
+
+_BGR_TO_GRAY = np.array((0.114, 0.587, 0.299), np.float32)
+
+_FAINTEST, _BRIGHTEST = 0.02, 50.0  # light that is believed
 
 
 class Picture(NamedTuple):
@@ -46,14 +52,44 @@ class View(NamedTuple):
     previous: Plane
     inside: NDArray[np.int64]
     colour: bool
+    light: Light
 
 
 def look(state: LayersState, frame: Frame) -> View:
     """Cut this frame's window."""
     h, w = state.odds.shape
-    image, gray = grab(frame, state.origin, (h, w), state.step)
+    image, gray = grab(frame, state.origin, (h, w), state.step, state.light)
     inside = _inside_rectangle(frame, state.origin, (h, w), state.step)
-    return View(image, gray, state.gray, inside, frame.channels == 3)
+    image, gray, light = _relit(image, gray, state)
+    return View(image, gray, state.gray, inside, frame.channels == 3, light)
+
+
+_EVERY = 3  # pixels
+_UNLIT, _SATURATED = 20.0, 250.0  # gray levels: what is darker or brighter tells nothing of the light
+_SAME_LIGHT = 0.004
+
+
+def _relit(image: Image, gray: Plane, state: LayersState) -> tuple[Image, Plane, tuple[float, float, float]]:
+    """Window in the light of the first frame, and how much brighter than there each channel is now.
+
+    The median over the pixels round the object of how much brighter each has become: what moves there does not
+    change it.
+    """
+    y0, x0 = (int(state.box[i] - state.origin[i]) for i in (1, 0))
+    outside = np.ones(gray.shape, bool)
+    outside[max(y0 - 2, 0) : int(y0 + state.box[3]) + 3, max(x0 - 2, 0) : int(x0 + state.box[2]) + 3] = False
+    outside = outside[::_EVERY, ::_EVERY]
+    now, before = image[::_EVERY, ::_EVERY][outside], state.previous[::_EVERY, ::_EVERY][outside]
+    told = (before.min(axis=1) > _UNLIT) & (now.max(axis=1) < _SATURATED) & (now.min(axis=1) > 4.0)
+    if np.count_nonzero(told) < 60:
+        return image, gray, state.light
+    ratio = np.median(now[told] / before[told], axis=0)
+    if np.abs(ratio - 1.0).max() < _SAME_LIGHT:
+        return image, gray, state.light
+    b, g, r = ratio.tolist()
+    image, gray = _divided(Picture(image, gray), (b, g, r))
+    light = np.clip(np.multiply(state.light, (b, g, r)), _FAINTEST, _BRIGHTEST)
+    return image, gray, (float(light[0]), float(light[1]), float(light[2]))
 
 
 def lattice_step(longest: float, working_size: int) -> int:
@@ -61,7 +97,9 @@ def lattice_step(longest: float, working_size: int) -> int:
     return max(1, math.ceil(longest / working_size))
 
 
-def grab(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> Picture:
+def grab(
+    frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int, light: Light = EVEN_LIGHT
+) -> Picture:
     """Window of a frame on the lattice: block means of `step` × `step` px, then a 5 × 5 Gaussian of σ 0.7.
 
     Parameters
@@ -72,6 +110,8 @@ def grab(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int
     size : tuple of int
         Height and width, lattice px.
     step : int
+    light : tuple of float
+        What each channel is divided by.
 
     Returns
     -------
@@ -84,7 +124,14 @@ def grab(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int
     rows = pixels.reshape(h + 2 * _RING, -1)
     image, gray = np.empty((h, 3 * w), np.float32), np.empty((h, w), np.float32)
     smooth(rows, _TAPS, np.empty(rows.shape[1], np.float32), image, gray)
-    return Picture(image.reshape(h, w, 3), gray)
+    return _divided(Picture(image.reshape(h, w, 3), gray), light)
+
+
+def _divided(picture: Picture, light: Light) -> Picture:
+    if light == EVEN_LIGHT:
+        return picture
+    image = np.minimum(picture.image * (np.float32(1.0) / np.array(light, np.float32)), np.float32(255.0))
+    return Picture(image, image @ _BGR_TO_GRAY)
 
 
 def _inside_rectangle(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> NDArray[np.int64]:
@@ -113,8 +160,9 @@ def place_window(
     """
     spans = []
     for start, length, speed, limit in zip(box[:2], box[2:], velocity, extent, strict=True):
-        low = max(math.floor(start + min(speed, 0.0) - margin), -12)
-        high = min(math.ceil(start + length + max(speed, 0.0) + margin), math.ceil(limit) + 12)
+        reach = margin + max(abs(speed) - _SUDDEN, 0.0)  # to both sides: it may turn back
+        low = max(math.floor(start - reach), -12)
+        high = min(math.ceil(start + length + reach), math.ceil(limit) + 12)
         if high - low < 24:  # the object has left: keep looking at the nearest edge
             low, high = (low, low + 24) if start < limit / 2 else (high - 24, high)
         spans.append((low, -((low - high) // _SIZES) * _SIZES))

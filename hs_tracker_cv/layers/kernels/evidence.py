@@ -182,7 +182,8 @@ def evidence(
                 lifted = lit * unit / (var + f32(0.0025) * _THIRD * bb) + f32(3.0)
                 e = plain
                 e = smaller(e, shaded) if g < f32(0.97) else e
-                e = smaller(e, lifted) if g > f32(1.03) else e
+                # what was the object a moment ago has a highlight rather than brighter ground behind it
+                e = smaller(e, lifted) if (g > f32(1.03)) & (warped[y, x] <= f32(0.0)) else e
                 rest = still[i] * unit / (f32(2.0) * noise2 + tau_b * grad)
                 direct[i] = plain
                 gain[i] = g

@@ -75,6 +75,9 @@ def outline(odds, visible, way, obj, weight, sums):
             value = f32(1.0) if s > f32(0.0) else f32(0.0)
             value = smaller(larger(s, f32(0.0)), f32(1.0)) if way == 1 else value
             value = f32(visible[y, x]) if way == 2 else value
+            value = (
+                smaller(larger(s, f32(0.0)), f32(1.0)) * f32(visible[y, x]) * f32(1.0 / 255.0) if way == 3 else value
+            )
             weight[y, x] = value
             total += value
     sums[0] = area
@@ -278,7 +281,7 @@ def _ground(image, atlas, counts, near, camera, offset, noise, inside, steps, us
                 start[3 * i] = offset[i]
     for i in range(8):
         best[i] = start[i]
-    gauss_newton(image, points, count, best, prior, 3.0 * noise, FAR_OFF, inside, costs, steps)
+    gauss_newton(image, points, count, best, prior, 3.0 * noise, FAR_OFF, inside, costs, steps, 0.0)
     dx = best[0] - start[0]
     dy = best[3] - start[3]
     cost = costs[1]
@@ -302,7 +305,7 @@ def _settled(new, old):
 
 
 @fast_part
-def _object(image, points, count, fitted, predicted, scale, noise, hidden, inside, steps, best):
+def _object(image, points, count, fitted, predicted, scale, noise, hidden, young, inside, steps, best):
     """Sharpen the fit of the flow against the object layer, into `best`.
 
     The fit follows the frame pair, the layer keeps it from drifting. Registration starts from the fit and from the
@@ -327,7 +330,19 @@ def _object(image, points, count, fitted, predicted, scale, noise, hidden, insid
             continue
         for i in range(8):
             theta[i] = start[i]
-        gauss_newton(image, points, count, theta, prior, serious, serious, inside, costs, steps)
+        gauss_newton(
+            image,
+            points,
+            count,
+            theta,
+            prior,
+            serious,
+            serious,
+            inside,
+            costs,
+            steps,
+            1.0 * strength if young else 0.0,
+        )
         if attempt == 0:
             limit = costs[0]
         dx = theta[0] - start[0]
@@ -411,7 +426,7 @@ def measure(
     for i in range(1, 6):
         if i != 3:
             fitted[i] = smaller(larger(fitted[i], -limit), limit)
-    _object(image, points, count, fitted, predicted, grid[2], noise, hidden, inside, steps, theta)
+    _object(image, points, count, fitted, predicted, grid[2], noise, hidden, young, inside, steps, theta)
 
 
 @fast_kernel

@@ -17,6 +17,8 @@ _THINNED = 3  # every third residual tells the median
 _row = local(_BLOCK)
 _corners = local(3, 4, _BLOCK)
 _three = local(3)
+_four = local(4)
+_four_by_four = local(4, 4)
 _six = local(6)
 _eight = local(8)
 _three_by_three = local(3, 3)
@@ -164,6 +166,7 @@ def gauss_newton(
     inside: Integers,
     costs: Numbers,
     iterations: int,
+    stiffness: float = 0.0,
 ) -> None:
     """Register the listed points in `image`: minimise Σ w ρ(I(p + a(p)) − g R(p) − b) over theta = (a, g, b).
 
@@ -358,6 +361,20 @@ def gauss_newton(
         for i in range(8):
             normal[i, i] += prior[i] * wanted
             rhs[i] -= prior[i] * wanted * (theta[i] - start[i])
+        # what is not rotation and change of size costs extra
+        firm = stiffness * wanted
+        stretch = firm * (theta[1] - theta[5])
+        shear = firm * (theta[2] + theta[4])
+        normal[1, 1] += firm
+        normal[5, 5] += firm
+        normal[5, 1] -= firm
+        normal[2, 2] += firm
+        normal[4, 4] += firm
+        normal[4, 2] += firm
+        rhs[1] -= stretch
+        rhs[5] += stretch
+        rhs[2] -= shear
+        rhs[4] -= shear
         _solve(normal, rhs, theta.shape[0])
         longest = larger(root(rhs[0] * rhs[0] + rhs[3] * rhs[3]), 1e-6)
         shorten = smaller(1.0, 1.5 / longest)
@@ -372,6 +389,35 @@ def gauss_newton(
         costs[1] = residual(image, points, count, theta, ceiling, inside)
         if iterations == 0:
             costs[0] = costs[1]
+
+
+@fast_part
+def _similar(weights, x, y, squares, u, radial, tangential, v, ridge, n, start, theta):
+    """Solve for translation, rotation and change of size, from weighted sums, towards `start`."""
+    a = _four_by_four()
+    b = _four()
+    r0 = ridge[0] * n
+    r1 = (ridge[1] + ridge[2]) * n
+    # unknowns: tx, ty, growth, turn; u = tx + growth X − turn Y, v = ty + turn X + growth Y
+    for i in range(4):
+        for j in range(4):
+            a[i, j] = 0.0
+    a[0, 0] = a[1, 1] = weights + r0
+    a[2, 0] = x
+    a[3, 0] = -y
+    a[2, 1] = y
+    a[3, 1] = x
+    a[2, 2] = a[3, 3] = squares + r1
+    b[0] = u + r0 * start[0]
+    b[1] = v + r0 * start[3]
+    b[2] = radial + r1 * 0.5 * (start[1] + start[5])
+    b[3] = tangential + r1 * 0.5 * (start[4] - start[2])
+    _solve(a, b, 4)
+    theta[0] = b[0]
+    theta[3] = b[1]
+    theta[1] = theta[5] = b[2]
+    theta[4] = b[3]
+    theta[2] = -b[3]
 
 
 @fast_kernel
@@ -451,7 +497,9 @@ def fit_affine(
             v0 += wt * v
             v1 += wx * v
             v2 += wy * v
-        for side in range(2):  # `solve` destroys its matrix
+        if young:
+            _similar(a00, a10, a20, a11 + a22, u0, u1 + v2, v1 - u2, v0, ridge, n, start, theta)
+        for side in range(0 if young else 2):  # `solve` destroys its matrix
             a[0, 0] = a00 + ridge[0] * n
             a[1, 0] = a10
             a[2, 0] = a20
