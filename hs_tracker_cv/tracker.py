@@ -68,7 +68,7 @@ STATE_VERSION = 2
 """Of what a pickle of a tracker holds; a change of any class in it changes the number."""
 
 PATIENCE = 60
-"""Frames of another scene after which that is taken to be the scene."""
+"""Frames of another scene after which the object is looked for there, too: the camera may have been moved."""
 
 TrackerState = Literal["uninitialised", "tracking", "occluded", "lost"]
 
@@ -372,13 +372,13 @@ def _next(track: _Track, image: Any) -> Frame | None:
 def _advance(track: _Track, frame: Frame) -> _Track:
     """Take one frame in: the modes look, the rule chooses, the track is replaced."""
     now = overview(frame)
-    if track.overview is not None and not same_scene(track.overview, now, track.interrupted + 1):
-        if track.interrupted < PATIENCE:
-            return replace(track, first=None, score=0.0, state="lost", interrupted=track.interrupted + 1)
-    if track.interrupted:
+    same = track.overview is None or same_scene(track.overview, now, track.interrupted + 1)
+    if track.interrupted and (same or track.interrupted > PATIENCE):
         found = _resume(track, frame, now)
         if found is not None:
             return found
+    if not same:
+        return replace(track, first=None, score=0.0, state="lost", interrupted=track.interrupted + 1)
     seen = sighting.look(track.scene, frame) if track.scene else None
     segmented, carried, choice = _look(track, frame, seen)
     if segmented and carried:
@@ -400,7 +400,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
 
 
 def _resume(track: _Track, frame: Frame, now: Overview) -> _Track | None:
-    """The scene is seen again after an interruption: find the object where it has gone meanwhile."""
+    """After an interruption: find the object by its layer, where it may have gone meanwhile."""
     if track.layers is None or not track.choice.trusted or not track.layers.report.ok:
         return None
     segmented = layers.relocate(track.layers, frame, track.interrupted, LAYERS)

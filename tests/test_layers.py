@@ -487,13 +487,13 @@ def test_registration_finds_a_motion_and_a_gain(motion: tuple[float, float], gai
     count = kernels.collect(reference, weight, grid, 3, points)
     assert count == weight.sum() / 3
     theta, costs, pixels = np.zeros(8), np.empty(2), np.asarray(image, np.float32)
-    kernels.gauss_newton(pixels, points, count, theta, np.full(8, 1e-6), 20.0, 40.0, inside, costs, 8)
+    kernels.gauss_newton(pixels, points, count, theta, np.full(8, 1e-6), 20.0, 40.0, inside, costs, 8, 0.0)
     assert theta[[0, 3]] == pytest.approx(motion, abs=0.01)
     assert theta[6] == pytest.approx(100 * (gain - 1), abs=1.0)
     assert costs[0] == pytest.approx(kernels.residual(pixels, points, count, np.zeros(8), 40.0, inside))
     assert costs[1] < 0.5
     unmoved = np.zeros(8)
-    kernels.gauss_newton(pixels, points, count, unmoved, np.full(8, 1e-6), 20.0, 40.0, inside, costs, 0)
+    kernels.gauss_newton(pixels, points, count, unmoved, np.full(8, 1e-6), 20.0, 40.0, inside, costs, 0, 0.0)
     assert not unmoved.any()
     assert costs[0] == costs[1]
 

@@ -25,6 +25,7 @@ _FAR = 40  # lattice px: farthest an unseen object is looked for from where it i
 _UNSEEN = 0.12  # visible share below which the object counts as out of sight
 _ALIKE = 0.2  # of what is taken for the object so much must look about as it did
 _GONE = 0.7  # misfit from which the object is not there
+_ALIKE_ENOUGH = 0.6  # share of it that looks as it did from which the score does not suffer
 _YOUNG = 5  # frames before which the shape is too little known to conclude from what is missing of it
 _NOTHING = 0.02  # visible share below which that is believed at once
 
@@ -308,13 +309,15 @@ def _next_linear(state: LayersState, moves: motion.Moves, hidden: bool) -> tuple
     return a, b, c, d
 
 
-def _belief(share: float, unexplained: float) -> float:
+def _belief(share: float, unexplained: float, misfit: float) -> float:
     """Probability that the box is right (IoU above one half), 0–1.
 
     Logistic in the logarithms of the visible share of the object and of the share of the background that is not
-    explained; fitted on the suites develop and vanish_develop. Offsets keep the logarithms finite.
+    explained; fitted on the suites develop and vanish_develop. Offsets keep the logarithms finite. An object that hardly looks
+    like itself any more is about to be lost.
     """
-    return 1.0 / (1.0 + math.exp(-2.5 - 3.0 * math.log(share + 0.05) + 0.7 * math.log(unexplained + 0.01)))
+    seen = 1.0 / (1.0 + math.exp(-2.5 - 3.0 * math.log(share + 0.05) + 0.7 * math.log(unexplained + 0.01)))
+    return seen * min((1.0 - misfit) / _ALIKE_ENOUGH, 1.0)
 
 
 def _conclude(
@@ -336,7 +339,7 @@ def _conclude(
     report = LayersReport(
         box=Box(x * k, y * k, outcome.box.w * k, outcome.box.h * k),
         ok=ok,
-        score=_belief(outcome.share, learned.unexplained) if ok else 0.0,
+        score=_belief(outcome.share, learned.unexplained, moves.misfit) if ok else 0.0,
         occluded=outcome.occlusion.occluded,
         lost=not ok,
         unexplained=learned.unexplained,

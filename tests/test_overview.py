@@ -1,0 +1,115 @@
+"""Blank frames and cuts are told from the scene; light and a moving camera are not taken for them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from skimage import data
+
+from hs_tracker_cv import TrackerHS
+from hs_tracker_cv.frames import as_frame
+from hs_tracker_cv.overview import overview, same_scene
+
+Image = NDArray[np.uint8]
+ASTRONAUT: Image = np.ascontiguousarray(data.astronaut()[:240, :320, ::-1])
+COFFEE: Image = np.ascontiguousarray(data.coffee()[:240, :320, ::-1])
+
+
+def glance(image: NDArray[np.generic]) -> NDArray[np.float32]:
+    return overview(as_frame(image))
+
+
+def nothing(kind: str, seed: int = 0) -> Image:
+    if kind == "noise":
+        return np.random.default_rng(seed).integers(0, 256, ASTRONAUT.shape).astype(np.uint8)
+    return np.full_like(ASTRONAUT, {"black": 0, "gray": 128, "white": 255}[kind])
+
+
+@pytest.mark.parametrize("kind", ["black", "gray", "white", "noise"])
+def test_a_blank_frame_is_not_the_scene(kind: str) -> None:
+    assert not same_scene(glance(ASTRONAUT), glance(nothing(kind)))
+
+
+def test_another_scene_is_told() -> None:
+    assert not same_scene(glance(ASTRONAUT), glance(COFFEE))
+
+
+@pytest.mark.parametrize("gain", [0.4, 0.8, 1.2])
+def test_light_may_change(gain: float) -> None:
+    lit = np.clip(gain * ASTRONAUT.astype(np.float32), 0, 255).astype(np.uint8)
+    assert same_scene(glance(ASTRONAUT), glance(lit))
+
+
+@pytest.mark.parametrize("shift", [(0, 15), (12, 0), (-10, 10)])
+def test_the_camera_may_move(shift: tuple[int, int]) -> None:
+    assert same_scene(glance(ASTRONAUT), glance(np.roll(ASTRONAUT, shift, (0, 1))))
+
+
+def test_the_size_of_the_frame_does_not_matter() -> None:
+    large = ASTRONAUT.repeat(5, 0).repeat(5, 1)
+    assert np.abs(glance(large) - glance(ASTRONAUT)).mean() < 3.0
+
+
+def scene(count: int, ground: Image, *, seen: bool = True) -> list[Image]:
+    """A textured square moves by (3, 1) px per frame; not drawn where it is not `seen`."""
+    square = COFFEE[100:136, 60:96]
+    frames = []
+    for t in range(count):
+        frame = ground.copy()
+        if seen:
+            frame[60 + t : 96 + t, 40 + 3 * t : 76 + 3 * t] = square
+        frames.append(frame)
+    return frames
+
+
+def truth(t: int) -> tuple[int, int, int, int]:
+    return 40 + 3 * t, 60 + t, 36, 36
+
+
+def overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> float:
+    w = max(min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]), 0)
+    h = max(min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1]), 0)
+    return w * h / (a[2] * a[3] + b[2] * b[3] - w * h)
+
+
+@pytest.mark.parametrize("good", [1, 3, 6, 20])
+@pytest.mark.parametrize("kind", ["black", "gray", "white", "noise", "cut", "ground"])
+def test_nothing_is_not_taken_for_the_object(kind: str, good: int) -> None:
+    """False in every one of ten frames without the object, after however many good ones; then found again."""
+    frames, gap = scene(good + 16, ASTRONAUT), 10
+    tracker = TrackerHS()
+    tracker.init(frames[0], truth(0))
+    for frame in frames[1 : good + 1]:
+        assert tracker.update(frame)[0]
+    ground = {"cut": COFFEE, "ground": ASTRONAUT}
+    answers = [tracker.update(ground[kind] if kind in ground else nothing(kind, i))[0] for i in range(gap)]
+    assert answers == [False] * gap
+    back = [tracker.update(frame) for frame in frames[good + 11 : good + 16]]
+    assert any(ok and overlap(box, truth(good + 11 + i)) > 0.5 for i, (ok, box) in enumerate(back))
+
+
+def test_nothing_is_claimed_of_a_scene_that_stays() -> None:
+    """After a cut for good the tracker goes on looking, and sees no object where there is none."""
+    frames = scene(10, ASTRONAUT)
+    tracker = TrackerHS()
+    tracker.init(frames[0], truth(0))
+    for frame in frames[1:]:
+        tracker.update(frame)
+    assert not any(tracker.update(COFFEE)[0] for _ in range(100))
+
+
+def test_the_object_is_found_in_a_scene_that_stays() -> None:
+    """The ground is another one for good, with the object on it: after a while it is looked for there."""
+    tracker = TrackerHS()
+    frames = scene(10, ASTRONAUT)
+    tracker.init(frames[0], truth(0))
+    for frame in frames[1:]:
+        tracker.update(frame)
+    moved = np.ascontiguousarray(ASTRONAUT[::-1, ::-1])
+    moved[69:105, 67:103] = COFFEE[100:136, 60:96]
+    answers = [tracker.update(moved) for _ in range(70)]
+    assert not any(ok for ok, _ in answers[:60])
+    ok, box = answers[-1]
+    assert ok
+    assert overlap(box, truth(9)) > 0.8
