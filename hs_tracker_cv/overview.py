@@ -25,7 +25,8 @@ Overview = Annotated[NDArray[np.float32], Shape(24, 32)]
 _SIZE = (32, 24)  # cells across and down
 _SAMPLES = 6  # pixels looked at across a cell, at most
 _SHIFT = 2  # cells that the camera may move from frame to frame
-_MOST_SHIFT = 7
+_MOST_SHIFT = 6  # after an interruption
+_DEARER = 0.04  # by which the correlation asked for rises with each cell more: chance has more tries
 _CORRELATION = 0.55  # real video, neighbouring frames: least .54, 22 sequences; between sequences: 95 % below .50
 _PLAINLY = 0.9  # correlation at rest from which no shift is tried
 _CHANGE = 5.0  # gray levels, root mean square: what differs less is no other scene
@@ -60,7 +61,7 @@ def same_scene(before: Overview, now: Overview, frames: int = 1) -> bool:
     middle = before[s:-s, s:-s]
     if _correlation(middle, now[s:-s, s:-s]) > _PLAINLY:
         return True
-    return float(_correlation(middle, now).max()) > _CORRELATION
+    return float(_correlation(middle, now).max()) > _CORRELATION + _DEARER * (s - _SHIFT)
 
 
 def _correlation(template: Overview, image: Overview) -> NDArray[np.float32]:
