@@ -313,8 +313,8 @@ def _belief(share: float, unexplained: float, misfit: float) -> float:
     """Probability that the box is right (IoU above one half), 0–1.
 
     Logistic in the logarithms of the visible share of the object and of the share of the background that is not
-    explained; fitted on the suites develop and vanish_develop. Offsets keep the logarithms finite. An object that hardly looks
-    like itself any more is about to be lost.
+    explained; fitted on the suites develop and vanish_develop. Offsets keep the logarithms finite. An object that
+    hardly looks like itself any more is about to be lost.
     """
     seen = 1.0 / (1.0 + math.exp(-2.5 - 3.0 * math.log(share + 0.05) + 0.7 * math.log(unexplained + 0.01)))
     return seen * min((1.0 - misfit) / _ALIKE_ENOUGH, 1.0)

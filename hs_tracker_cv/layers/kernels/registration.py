@@ -171,7 +171,7 @@ def gauss_newton(
     """Register the listed points in `image`: minimise Σ w ρ(I(p + a(p)) − g R(p) − b) over theta = (a, g, b).
 
     In place. `points` and `count` are from :func:`collect`. `stiffness` is what it costs, per unit of weight, to be
-    more than a translation, a rotation and a change of size. theta[6] is 100 (g − 1), theta[7] is b. `prior` holds the
+    more than translation, rotation and change of size. theta[6] is 100 (g − 1), theta[7] is b. `prior` holds the
     diagonal ridge towards the start value, per unit of weight. ρ has the weights (1 + (e / scale)²)⁻². It ends early
     when there is nothing left to gain. costs[0] and costs[1] receive the :func:`residual` at the start and at the
     end. With no iterations that is all it does.
