@@ -105,6 +105,15 @@ def _started(factory: Factory, clip: Clip, updates: int = 2) -> Any:
     return tracker
 
 
+def _tracked(factory: Factory, frames: Sequence[Any], rois: Sequence[Roi]) -> str:
+    """What comes of a video: the answers to all frames but the first, or why it could not be started."""
+    tracker = factory()
+    started = _attempt(lambda: tracker.init(frames[0], rois[0]))
+    if started != "ok":
+        return f"init: {started}"
+    return _same([_updated(tracker, frame, roi) for frame, roi in zip(frames[1:], rois[1:], strict=True)])
+
+
 def _init_with(*rois: Any) -> Callable[[Factory], str]:
     """Probe: what `init` does with these ROIs."""
 
@@ -119,12 +128,8 @@ def _video_of(convert: Callable[[NDArray[np.uint8]], Any]) -> Callable[[Factory]
     """Probe: whether it tracks a video of frames of another kind."""
 
     def probe(factory: Factory) -> str:
-        clip, tracker = Clip(), factory()
-        frames = [convert(frame) for frame in clip.frames]
-        started = _attempt(lambda: tracker.init(frames[0], clip.boxes[0]))
-        if started != "ok":
-            return f"init: {started}"
-        return _same([_updated(tracker, frame, box) for frame, box in zip(frames[1:], clip.boxes[1:], strict=True)])
+        clip = Clip()
+        return _tracked(factory, [convert(frame) for frame in clip.frames], clip.boxes)
 
     return probe
 
@@ -177,13 +182,39 @@ def _init_again(factory: Factory) -> str:
     return f"{again}, then {_same(updates)}"
 
 
-def _vanishes(factory: Factory) -> str:
-    clip = Clip(18)
-    tracker = _started(factory, clip, updates=11)
-    gone = [tracker.update(frame)[0] for frame in clip.empty]
-    # It comes back where it was, and moves on.
-    back = [_updated(tracker, frame, box) for frame, box in zip(clip.frames[12:], clip.boxes[12:], strict=True)]
-    return f"False in {gone.count(False)} of {len(gone)}; back: {back[-1]}"
+def _out_of_sight(updates: int, shown: Callable[[Clip], Sequence[NDArray[np.uint8]]]) -> Callable[[Factory], str]:
+    """Probe: the answers to frames without the object after some with it, and to the last one when it is back."""
+
+    def probe(factory: Factory) -> str:
+        clip = Clip(updates + 7)
+        tracker = _started(factory, clip, updates)
+        gone = [tracker.update(frame)[0] for frame in shown(clip)]
+        # It comes back where it was, and moves on.
+        first = updates + 1
+        back = [
+            _updated(tracker, frame, box) for frame, box in zip(clip.frames[first:], clip.boxes[first:], strict=True)
+        ]
+        return f"False in {gone.count(False)} of {len(gone)}; back: {back[-1]}"
+
+    return probe
+
+
+def _black(clip: Clip) -> list[NDArray[np.uint8]]:
+    return [np.zeros_like(clip.frames[0])] * 10
+
+
+def _flat(factory: Factory) -> str:
+    return _tracked(factory, [np.full((120, 160, 3), 128, np.uint8)] * 6, [(30, 30, 32, 32)] * 6)
+
+
+def _nearly_the_frame(factory: Factory) -> str:
+    return _tracked(factory, Clip().frames, [(2, 2, 156, 116)] * 12)
+
+
+def _one_pixel_high(factory: Factory) -> str:
+    clip = Clip()
+    rows = [np.ascontiguousarray(frame[44:45]) for frame in clip.frames]
+    return _tracked(factory, rows, [(x, 0, w, 1) for x, _, w, _ in clip.boxes])
 
 
 def _box_when_false(factory: Factory) -> str:
@@ -270,6 +301,9 @@ CASES: dict[str, Callable[[Factory], str]] = {
     "ROI of 2 × 2 px": _init_with((30, 30, 2, 2)),
     "ROI fully outside": _init_with((500, 500, 20, 20)),
     "ROI partly outside": _roi_partly_outside,
+    "ROI as large as the frame, 2 px in": _nearly_the_frame,
+    "frame of 1 px height": _one_pixel_high,
+    "flat image": _flat,
     "`update` before `init`": _update_first,
     "`update` after a failed `init`": _update_after_failed_init,
     "`init` again on the same object": _init_again,
@@ -284,10 +318,16 @@ CASES: dict[str, Callable[[Factory], str]] = {
     "BGRA": _video_of(_bgra),
     "uint16": _video_of(lambda frame: frame.astype(np.uint16) * 257),
     "float32, 0–1": _video_of(lambda frame: frame.astype(np.float32) / 255),
+    "int64": _video_of(lambda frame: frame.astype(np.int64)),
+    "bool": _video_of(lambda frame: frame > 90),
+    "2 channels": _video_of(lambda frame: np.ascontiguousarray(frame[:, :, :2])),
     "strided, read-only": _video_of(_read_only),
     "`cv2.UMat`": _video_of(lambda frame: cv2.UMat(frame)),
     "`update` on the init frame": _same_frame,
-    "object vanishes for 10 frames": _vanishes,
+    "object vanishes for 10 frames": _out_of_sight(11, lambda clip: clip.empty),
+    "object vanishes after 1 update": _out_of_sight(1, lambda clip: clip.empty),
+    "10 black frames": _out_of_sight(11, _black),
+    "10 black frames after 1 update": _out_of_sight(1, _black),
     "box when False": _box_when_false,
     "two runs equal": _two_runs,
     "pickle mid-track": _duplicate(lambda tracker: pickle.loads(pickle.dumps(tracker))),

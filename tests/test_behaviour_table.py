@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import time
 from pathlib import Path
@@ -24,6 +23,9 @@ GOOD = {
     "ROI of 2 × 2 px": "InputError",
     "ROI fully outside": "InputError",
     "ROI partly outside": "ok, then ok",
+    "ROI as large as the frame, 2 px in": "found",
+    "frame of 1 px height": "init: InputError",
+    "flat image": "found",
     "`update` before `init`": "InputError",
     "`update` after a failed `init`": "init: InputError, update: InputError",
     "`init` again on the same object": "ok, then found",
@@ -31,17 +33,23 @@ GOOD = {
     "`update` of an empty image": "False, then found",
     "frame of another size": "InputError, then found",
     "frame of other channels": "InputError, then found",
-    "one black frame": "(False|found), then found",
-    "one random frame": "(False|found), then found",
+    "one black frame": "False, then found",
+    "one random frame": "False, then found",
     "gray (H, W)": "found",
     "gray (H, W, 1)": "found",
     "BGRA": "found",
     "uint16": "found",
     "float32, 0–1": "found",
+    "int64": "found",
+    "bool": "found",
+    "2 channels": "init: InputError",
     "strided, read-only": "found",
     "`cv2.UMat`": "found",
     "`update` on the init frame": "(True, roi)",
-    "object vanishes for 10 frames": "False in (8|9|10) of 10; back: found",
+    "object vanishes for 10 frames": "False in 10 of 10; back: found",
+    "object vanishes after 1 update": "False in 10 of 10; back: found",
+    "10 black frames": "False in 10 of 10; back: found",
+    "10 black frames after 1 update": "False in 10 of 10; back: found",
     "box when False": "(0, 0, 0, 0)",
     "two runs equal": "yes",
     "pickle mid-track": "yes",
@@ -49,15 +57,22 @@ GOOD = {
     "`getTrackingScore()`": "in [0, 1]",
 }
 
-LENIENT = {"one black frame", "one random frame", "object vanishes for 10 frames"}
-"""Cases whose entry is a pattern: one frame is too little to know whether the object is gone."""
+NOT_YET = {
+    "one black frame",
+    "one random frame",
+    "object vanishes after 1 update",
+    "10 black frames",
+    "10 black frames after 1 update",
+}
+"""Cases in which another tracker is better today: README has what is, not what is good, and says so in a note."""
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.xfail(case in NOT_YET, reason="not yet")) for case in CASES]
+)
 def test_what_trackerhs_does(case: str) -> None:
-    """Every probe of the table answers as README says."""
-    outcome, good = probe(case, "TrackerHS"), GOOD[case]
-    assert outcome == good or (case in LENIENT and re.fullmatch(good, outcome)), outcome
+    """Every probe of the table answers as the best tracker in it, or as a note under the table says."""
+    assert probe(case, "TrackerHS") == GOOD[case]
 
 
 def _answer() -> str:
@@ -101,7 +116,7 @@ def readme_rows() -> dict[str, dict[str, str]]:
     head = f"| case | {' | '.join(TRACKERS)} |"
     assert head in readme
     rows = [line.strip("| ").split(" | ") for line in readme.partition(head)[2].splitlines()[2 : 2 + len(CASES)]]
-    return {case: dict(zip(TRACKERS, cells, strict=True)) for case, *cells in rows}
+    return {case.rstrip(" ¹²³"): dict(zip(TRACKERS, cells, strict=True)) for case, *cells in rows}
 
 
 def test_readme_has_the_table_that_is_tested() -> None:
@@ -109,8 +124,7 @@ def test_readme_has_the_table_that_is_tested() -> None:
     rows = readme_rows()
     assert list(rows) == list(CASES)
     shown = {case: cells["TrackerHS"] for case, cells in rows.items()}
-    wrong = {case: cell for case, cell in shown.items() if cell != GOOD[case] and not re.fullmatch(GOOD[case], cell)}
-    assert not wrong
+    assert {case for case, cell in shown.items() if cell != GOOD[case]} == NOT_YET
 
 
 @pytest.mark.parametrize(
@@ -120,6 +134,9 @@ def test_readme_has_the_table_that_is_tested() -> None:
         ("ROI of zero size (cancelled `selectROI`)", ["KCF", "MIL"]),
         ("`init` again on the same object", ["CSRT", "KCF"]),
         ("`update(None)`", ["CSRT", "KCF"]),
+        ("flat image", ["CSRT", "legacy.MedianFlow"]),
+        ("int64", ["CSRT", "KCF", "MIL"]),
+        ("10 black frames after 1 update", ["KCF", "legacy.MedianFlow"]),
     ],
 )
 def test_readme_is_true_of_the_others_too(case: str, trackers: list[str]) -> None:
