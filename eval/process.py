@@ -124,11 +124,18 @@ class Child:
         What it may not read even where it may read what is round it: truth, results.
     stop : threading.Event, optional
         Ends the child when it is set.
+
+    Raises
+    ------
+    OSError
+        If no process can be started, or on a system without ``fork``.
     """
 
     def __init__(
         self, service: str, limits: Limits, *, hidden: Iterable[Path] = (), stop: threading.Event | None = None
     ) -> None:
+        if not hasattr(os, "fork"):
+            raise OSError("what is judged runs in processes of Linux or macOS: this system has no fork")
         self._limits = limits
         self._stop = stop or threading.Event()
         self._reason = ""

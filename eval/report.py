@@ -232,15 +232,16 @@ def _provenance(summary: Summary) -> tuple[str, pd.DataFrame]:
         stamps = [run.provenance for run in runs]
         times = sorted(str(stamp["time"])[:16].replace("T", " ") for stamp in stamps)
         row = {"tracker": tracker, "runs": str(len(runs)), "factory": _distinct(stamp["tracker"] for stamp in stamps)}
-        row |= {name: _distinct(stamp[name] for stamp in stamps) for name in ("params", "code", *_ORIGIN)}
+        row |= {name: _distinct(stamp.get(name, "") for stamp in stamps) for name in ("params", "code", *_ORIGIN)}
         rows.append(row | {"from (UTC)": times[0], "to": times[-1]})
     table = pd.DataFrame(rows)
     shared = [name for name in _ORIGIN if table[name].nunique() == 1]
-    sentence = ", ".join(f"{_ORIGIN[name]} {table[name].iloc[0]}".strip() for name in shared)
+    # Results of earlier versions do not say everything.
+    sentence = ", ".join(f"{_ORIGIN[name]} {table[name].iloc[0]}".strip() for name in shared if table[name].iloc[0])
     return sentence, table.drop(columns=shared)
 
 
-_ORIGIN = {"machine": "", "python": "Python", "opencv": "OpenCV", "commit": "commit"}
+_ORIGIN = {"machine": "", "python": "Python", "opencv": "OpenCV", "commit": "commit", "isolation": "isolation:"}
 
 
 def _distinct(values: Iterable[object]) -> str:

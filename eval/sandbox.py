@@ -27,6 +27,7 @@ _SCOPES = 0b11  # since version 6: no signals and no abstract sockets to process
 
 _SYSTEM = ("/bin", "/sbin", "/usr", "/lib", "/lib32", "/lib64", "/etc", "/opt", "/nix", "/gnu", "/proc", "/sys")
 _DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom", "/dev/shm", "/dev/dri")
+_SITES = {"site-packages", "dist-packages"}
 _MODULES = {".py", ".pyc", ".so", ".pyd", ".zip", ".egg", ".pth"}
 
 
@@ -122,8 +123,8 @@ def confine(ruleset: int) -> None:
 def readable_paths(hidden: Iterable[Path]) -> list[Path]:
     """Files and folders that a Python program needs, without those that are hidden.
 
-    That is the system's, Python's own, and the modules in the folders of ``sys.path``: source files, extensions and
-    packages, not what else lies beside them.
+    That is the system's, Python's own, and in the other folders of ``sys.path`` the modules: source files, extensions
+    and packages, not what else lies beside them.
 
     Parameters
     ----------
@@ -132,7 +133,9 @@ def readable_paths(hidden: Iterable[Path]) -> list[Path]:
     """
     homes = {Path(place).resolve() for place in (sys.prefix, sys.base_prefix, sys.exec_prefix)}
     homes |= {Path(place).resolve() for place in sysconfig.get_paths().values()}
-    roots = {Path(place).resolve() for place in _SYSTEM} | homes
+    homes |= {Path(entry).resolve() for entry in sys.path if Path(entry).name in _SITES}
+    libraries = (entry for entry in os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep) if entry)
+    roots = {Path(place).resolve() for place in (*_SYSTEM, *libraries)} | homes
     for entry in sys.path:
         place = Path(entry or os.getcwd()).resolve()
         if not homes & {place, *place.parents}:

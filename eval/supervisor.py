@@ -33,10 +33,6 @@ def main(leash: int, rules: int) -> None:
     rules : int
         File descriptor of the sandbox's rules, or −1.
     """
-    if not hasattr(os, "fork"):
-        threading.Thread(target=_leave_with, args=(leash,), daemon=True).start()
-        _work(rules)
-        return
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     worker = os.fork()
@@ -79,11 +75,6 @@ def _kill_with(leash: int) -> None:
     while True:
         _kill_children()
         time.sleep(_AGAIN_SECONDS)
-
-
-def _leave_with(leash: int) -> None:
-    os.read(leash, 1)
-    os._exit(0)
 
 
 def _end_all() -> None:

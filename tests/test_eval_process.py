@@ -230,6 +230,16 @@ def test_what_is_hidden_is_left_out_wherever_it_lies(tmp_path: Path, monkeypatch
     assert own == {tmp_path / "pack" / "__init__.py", tmp_path / "pack" / "part.py", tmp_path / "mod.py"}
 
 
+def test_libraries_are_read_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wheels keep shared libraries and data beside their packages, wherever a user has installed them."""
+    site = tmp_path / "site-packages"
+    (site / "numpy.libs").mkdir(parents=True)
+    (tmp_path / "lib").mkdir()
+    monkeypatch.setattr(sys, "path", [str(site)])
+    monkeypatch.setenv("LD_LIBRARY_PATH", f"{tmp_path / 'lib'}:")
+    assert {path for path in readable_paths([]) if tmp_path in path.parents} == {site, tmp_path / "lib"}
+
+
 # --- messages ----------------------------------------------------------------------------------------------
 
 
