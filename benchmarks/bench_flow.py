@@ -8,6 +8,7 @@ on the machine, so the Middlebury times are scaled by cv2's DIS (medium), measur
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +22,7 @@ from rich.table import Table
 
 from hs_tracker_cv.flow import HornSchunck, reference
 
-MIDDLEBURY = Path(__file__).parents[2] / "shared" / "middlebury"
+MIDDLEBURY = Path(os.environ.get("MIDDLEBURY", Path(__file__).parents[2] / "shared" / "middlebury"))
 CHOSEN_ON = ("Dimetrodon", "Grove2", "RubberWhale", "Urban2")
 DIS_MS = 20.0
 
@@ -158,6 +159,28 @@ def middlebury_rows(table: Table) -> None:
         )
 
 
+def exposure_rows(table: Table) -> None:
+    """False flow where nothing moves and only the brightness steps, as by auto-exposure; DIS is the bar."""
+    image = cv2.imread(str(MIDDLEBURY / "RubberWhale" / "frame10.png"), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        image = np.rint(pair(388, 584)[0]).astype(np.uint8)
+    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    methods: dict[str, Callable[[Image, Image], Image]] = {
+        mode: HornSchunck(mode).calc for mode in ("fast", "default", "accurate")
+    }
+    methods["cv2 DIS medium"] = lambda a, b: dis.calc(a, b, None)
+    methods["cv2 Farnebäck"] = lambda a, b: cv2.calcOpticalFlowFarneback(a, b, None, 0.5, 5, 15, 3, 5, 1.1, 0)
+    if hasattr(cv2, "optflow"):
+        tv_l1 = cv2.optflow.DualTVL1OpticalFlow_create()
+        methods["cv2 TV-L1"] = lambda a, b: tv_l1.calc(a, b, None)
+    for name, method in methods.items():
+        flows = [method(image, cv2.add(image, np.full_like(image, step))) for step in (5, 10, 20)]
+        means = ", ".join(f"{np.hypot(flow[..., 0], flow[..., 1]).mean():.3f}" for flow in flows)
+        table.add_row(
+            f"false flow at + 5, + 10, + 20, {name}", f"{means} px", "", "" if "cv2" in name else "<= 0.02 px"
+        )
+
+
 def main() -> None:
     """Print the table."""
     cv2.setNumThreads(1)
@@ -167,6 +190,7 @@ def main() -> None:
     window_rows(table)
     if MIDDLEBURY.is_dir():
         middlebury_rows(table)
+    exposure_rows(table)
     Console(width=140).print(table)
 
 

@@ -257,6 +257,20 @@ def test_every_kind_of_frame_gives_the_same_flow():
         np.testing.assert_allclose(solver.calc(*variant), expected, atol=1e-3, err_msg=name)
 
 
+@pytest.mark.parametrize("mode", WARPING)
+@pytest.mark.parametrize(
+    ("gain", "offset"), [(1.0, 5.0), (1.0, 10.0), (1.0, 20.0), (1.0, -15.0), (1.1, 0.0), (0.9, 12.0)]
+)
+def test_a_step_of_exposure_is_no_motion(mode, gain, offset):
+    """What auto-exposure does to the whole frame makes no flow where nothing moves, and spoils none where it does."""
+    still, moved = 25 + 0.8 * texture(96, 120, seed=3), 25 + 0.8 * texture(96, 120, 2.0, 1.0, seed=3)
+    brighter, both = (np.clip(gain * (frame - 128) + 128 + offset, 0, 255) for frame in (still, moved))
+    solver = HornSchunck(mode)
+    assert np.abs(HornSchunck(mode, exposure=False).calc(still, brighter)).mean() > 0.02
+    assert np.abs(solver.calc(still, brighter)).mean() < 0.02
+    assert mean_error(solver.calc(still, both), 2.0, 1.0) < 0.05
+
+
 def test_gain_keeps_dark_float_windows_from_reading_as_0_to_1():
     """With gain=1 a float window is what it says, however dark."""
     frame0, frame1 = texture(32, 32) / 256, texture(32, 32, 0.5) / 256
@@ -484,6 +498,7 @@ def test_field_plots_arrows():
         ("default", {"median": 4}, "median.*4"),
         ("default", {"presmooth": -0.1}, "presmooth.*-0.1"),
         ("default", {"outlier": -1.0}, "outlier.*-1.0"),
+        ("solve", {"exposure": True}, "exposure=True"),
         ("default", {"derivative": "sobel"}, "derivative.*'sobel'"),
         ("default", {"gain": 0.0}, "gain.*0.0"),
         ("solve", {"tolerance": 0.0}, "tolerance.*0.0"),

@@ -128,7 +128,14 @@ def test_planes_are_checked():
 
 def test_numbers_are_checked(rng):
     """Counts that mean nothing are errors with their value."""
-    good = {"smoothness": 4.0, "five_tap": True, "outlier": 0.0, "relax": 1.0, "quarter_square": 0.0}
+    good = {
+        "smoothness": 4.0,
+        "five_tap": True,
+        "outlier": 0.0,
+        "relax": 1.0,
+        "quarter_square": 0.0,
+        "exposure": False,
+    }
     for wrong, name in (((0, 1, 1), "warps"), ((1, 0, 1), "sweeps"), ((1, 1, 4), "median")):
         with pytest.raises(ValueError, match=f"{name}.*got {4 if name == 'median' else 0}"):
             kernels.Refinement(warps=wrong[0], sweeps=wrong[1], median=wrong[2], **good)

@@ -45,10 +45,13 @@ struct Refinement {
     int median;    // side, px; 1 is none
     float outlier; // weight of Ft² against a pixel's data term
     Relaxation relaxation;
+    bool exposure; // whether a change of exposure is estimated
 };
 
-// Refine a level's flow: warp the second frame, linearise, sweep, take the median, and again.
-void refine(const Planes &frames, const Planes &flow, const Refinement &how, const Planes &scratch);
+// Refine a level's flow: warp the second frame, linearise, sweep, take the median, and again. The change of exposure
+// that coarser levels have found, if there are any, is refined as well, and returned.
+Exposure refine(const Planes &frames, const Planes &flow, const Refinement &how, const Exposure *exposure,
+                const Planes &scratch);
 
 void store_flow(const Planes &flow, float *out);
 

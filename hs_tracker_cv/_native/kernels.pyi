@@ -115,10 +115,17 @@ class Refinement:
         outlier: float,
         relax: float,
         quarter_square: float,
+        exposure: bool,
     ) -> None: ...
 
-def refine(frames: Planes, flow: Planes, how: Refinement, scratch: Planes) -> None:
-    """Warp the second frame, linearise, sweep and take the median, as often as asked for. Seven planes of scratch."""
+def refine(
+    frames: Planes, flow: Planes, how: Refinement, exposure: tuple[float, float] | None, scratch: Planes
+) -> tuple[float, float]:
+    """Warp the second frame, linearise, sweep and take the median, as often as asked for. Seven planes of scratch.
+
+    `exposure` is how the second frame's brightness differs as coarser levels have found it, (gain, offset): by gain
+    times the mean of both frames and offset. None lets this level find it; what is returned is for the next one.
+    """
 
 def warp(frames: Planes, flow: Planes, out: Planes) -> None:
     """Sample the second frame at (x + u, y + v), bicubic, into `out[0]`; `out[1]` is 1 where that is inside."""

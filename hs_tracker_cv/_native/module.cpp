@@ -8,6 +8,7 @@
 
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -164,11 +165,11 @@ using Weights = std::array<float, 3>;
 Taps taps(const Weights &weights) { return {weights[0], weights[1], weights[2]}; }
 
 Refinement refinement(float smoothness, bool five_tap, Index warps, Index sweeps, int median, float outlier, float relax,
-                      float quarter_square) {
+                      float quarter_square, bool exposure) {
     expect(warps >= 1, "expected warps >= 1, got " + std::to_string(warps));
     expect(sweeps >= 1, "expected sweeps >= 1, got " + std::to_string(sweeps));
     expect(median == 1 || median == 3 || median == 5, "expected median 1, 3 or 5, got " + std::to_string(median));
-    return {smoothness, five_tap, warps, sweeps, median, outlier, {relax, quarter_square}};
+    return {smoothness, five_tap, warps, sweeps, median, outlier, {relax, quarter_square}, exposure};
 }
 
 void bind_pyramid(nb::module_ &module) {
@@ -224,22 +225,25 @@ void bind_pyramid(nb::module_ &module) {
         .def(
             "__init__",
             [](Refinement *self, float smoothness, bool five_tap, Index warps, Index sweeps, int median, float outlier,
-               float relax, float quarter_square) {
+               float relax, float quarter_square, bool exposure) {
                 new (self) Refinement(
-                    refinement(smoothness, five_tap, warps, sweeps, median, outlier, relax, quarter_square));
+                    refinement(smoothness, five_tap, warps, sweeps, median, outlier, relax, quarter_square, exposure));
             },
             nb::kw_only(), "smoothness"_a, "five_tap"_a, "warps"_a, "sweeps"_a, "median"_a, "outlier"_a, "relax"_a,
-            "quarter_square"_a);
+            "quarter_square"_a, "exposure"_a);
     module.def(
         "refine",
-        [](const OwnedPlanes &frames, const OwnedPlanes &flow, const Refinement &how, const OwnedPlanes &scratch) {
+        [](const OwnedPlanes &frames, const OwnedPlanes &flow, const Refinement &how,
+           std::optional<std::pair<float, float>> exposure, const OwnedPlanes &scratch) {
             const Planes &images = checked_frames(frames, "frames");
             const Planes &result = checked(flow, "flow", 2, frames.height(), frames.width());
             const Planes &room = checked(scratch, "scratch", REFINE_PLANES, frames.height(), frames.width());
+            const Exposure known = exposure ? Exposure{exposure->first, exposure->second} : Exposure{};
             Unlocked unlocked;
-            refine(images, result, how, room);
+            const Exposure found = refine(images, result, how, exposure ? &known : nullptr, room);
+            return std::pair(found.gain, found.offset);
         },
-        "frames"_a, "flow"_a, "how"_a, "scratch"_a);
+        "frames"_a, "flow"_a, "how"_a, "exposure"_a.none(), "scratch"_a);
     module.def(
         "warp",
         [](const OwnedPlanes &frames, const OwnedPlanes &flow, const OwnedPlanes &out) {

@@ -176,6 +176,50 @@ void warp(const Plane &frame, const Pair &flow, const Plane &warped, const Plane
     }
 }
 
+inline float unexplained(float before, float after, const Exposure &exposure) {
+    return (after - before) - (exposure.gain * (0.5f * (before + after)) + exposure.offset);
+}
+
+// Sums of pixels a block apart, so that their order does not depend on the processor.
+struct Lanes {
+    float w[BLOCK], m[BLOCK], mm[BLOCK], d[BLOCK], md[BLOCK];
+};
+
+inline void compare_at(const float *HS_RESTRICT before, const float *HS_RESTRICT after, const float *HS_RESTRICT mask,
+                       Index x, Index lane, float outlier, const Exposure &exposure, Lanes &sums) {
+    const float d = after[x] - before[x], m = 0.5f * (before[x] + after[x]);
+    const float rest = unexplained(before[x], after[x], exposure), w = mask[x] / (1.0f + outlier * rest * rest);
+    sums.w[lane] += w;
+    sums.m[lane] += w * m;
+    sums.mm[lane] += w * m * m;
+    sums.d[lane] += w * d;
+    sums.md[lane] += w * m * d;
+}
+
+LineSums compare(const Plane &first, const Plane &warped, const Plane &mask, float outlier, const Exposure &exposure) {
+    LineSums total{};
+    const Index width = first.width, whole = width / BLOCK * BLOCK;
+    for (Index y = 0; y < first.height; ++y) {
+        const float *HS_RESTRICT before = row(first, y);
+        const float *HS_RESTRICT after = row(warped, y);
+        const float *HS_RESTRICT inside = row(mask, y);
+        Lanes sums{};
+        for (Index x = 0; x < whole; x += BLOCK) {
+#pragma omp simd
+            for (Index i = 0; i < BLOCK; ++i) compare_at(before, after, inside, x + i, i, outlier, exposure, sums);
+        }
+        for (Index x = whole; x < width; ++x) compare_at(before, after, inside, x, x - whole, outlier, exposure, sums);
+        for (Index i = 0; i < BLOCK; ++i) {
+            total.w += sums.w[i];
+            total.m += sums.m[i];
+            total.mm += sums.mm[i];
+            total.d += sums.d[i];
+            total.md += sums.md[i];
+        }
+    }
+    return total;
+}
+
 struct LinearisedRow {
     const float *HS_RESTRICT mask, *HS_RESTRICT u, *HS_RESTRICT v;
     float *HS_RESTRICT gx, *HS_RESTRICT gy, *HS_RESTRICT gt;
@@ -183,10 +227,11 @@ struct LinearisedRow {
 
 template <bool FiveTap>
 HS_NOINLINE void linearise_row(const Rows a, const Rows b, const LinearisedRow row, Index width, float square_lambda,
-                               float outlier) {
+                               float outlier, const Exposure exposure) {
 #pragma omp simd
     for (Index x = 0; x < width; ++x) {
-        const Slope f = slope_at<FiveTap>(a, b, x);
+        Slope f = slope_at<FiveTap>(a, b, x);
+        f.t -= exposure.gain * (0.5f * (a.here[x] + b.here[x])) + exposure.offset;
         const float weight = row.mask[x] / (1.0f + outlier * f.t * f.t);
         const float scale = std::sqrt(weight / (square_lambda + weight * (f.x * f.x + f.y * f.y)));
         row.gx[x] = f.x * scale;
@@ -197,19 +242,20 @@ HS_NOINLINE void linearise_row(const Rows a, const Rows b, const LinearisedRow r
 
 template <bool FiveTap>
 void linearise_by(const Plane &first, const Plane &warped, const Plane &mask, const Pair &flow, float lambda,
-                  float outlier, const Slopes &g) {
+                  float outlier, const Exposure &exposure, const Slopes &g) {
     const Index width = whole_blocks(first.width);
     for (Index y = 0; y < first.height; ++y) {
         const LinearisedRow here = {row(mask, y), row(flow.u, y), row(flow.v, y), row(g.x, y), row(g.y, y), row(g.t, y)};
-        linearise_row<FiveTap>(rows_round(first, y), rows_round(warped, y), here, width, lambda * lambda, outlier);
+        linearise_row<FiveTap>(rows_round(first, y), rows_round(warped, y), here, width, lambda * lambda, outlier,
+                               exposure);
     }
 }
 
 void linearise(const Plane &first, const Plane &warped, const Plane &mask, const Pair &flow, bool five_tap, float lambda,
-               float outlier, const Slopes &g) {
+               float outlier, const Exposure &exposure, const Slopes &g) {
     fill_ring(first, 1.0f);
     fill_ring(warped, 1.0f);
-    (five_tap ? linearise_by<true> : linearise_by<false>)(first, warped, mask, flow, lambda, outlier, g);
+    (five_tap ? linearise_by<true> : linearise_by<false>)(first, warped, mask, flow, lambda, outlier, exposure, g);
 }
 
 inline void order(float &a, float &b) {
@@ -352,6 +398,6 @@ void median(const Plane &in, const Plane &out, int side) {
 
 } // namespace
 
-extern const WarpKernels HS_JOIN(warping, HS_LEVEL) = {add, blur, resize, warp, linearise, median};
+extern const WarpKernels HS_JOIN(warping, HS_LEVEL) = {add, blur, resize, warp, compare, linearise, median};
 
 } // namespace hs

@@ -77,7 +77,7 @@ def coarse_to_fine(
 
 
 def horn_schunck_solver(params: FlowParams, workspace: Workspace) -> Solver:
-    """Make a solver that warps the second frame, linearises, sweeps, and takes the median, `warps` times."""
+    """Make a solver for one pair of frames: warp the second, linearise, sweep, take the median, `warps` times."""
     relax, quarter_square = chebyshev(RADIUS)
     how = kernels.Refinement(
         smoothness=params.smoothness,
@@ -88,10 +88,14 @@ def horn_schunck_solver(params: FlowParams, workspace: Workspace) -> Solver:
         outlier=1.0 / params.outlier**2 if params.outlier else 0.0,
         relax=relax,
         quarter_square=quarter_square,
+        exposure=params.exposure,
     )
+    exposure: tuple[float, float] | None = None  # of the level before
 
     def solve(frames: Planes, flow: Planes) -> None:
-        kernels.refine(frames, flow, how, workspace.planes("refine", 7, frames[0].shape))
+        nonlocal exposure
+        scratch = workspace.planes("refine", 7, frames[0].shape)
+        exposure = kernels.refine(frames, flow, how, exposure, scratch)
 
     return solve
 

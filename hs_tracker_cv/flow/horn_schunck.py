@@ -98,7 +98,8 @@ class HornSchunck:
         Preset, see :data:`~hs_tracker_cv.flow.params.PRESETS`. "classic": the paper's sweeps (λ = 10, 100 sweeps);
         "solve": the paper's linear system, solved (λ = 10); "fast", "default", "accurate": coarse-to-fine warping
         (λ = 4) for displacements of many pixels.
-    smoothness, iterations, levels, ratio, warps, median, presmooth, outlier, tolerance, derivative, gain : optional
+    smoothness, iterations, levels, ratio, warps, median, presmooth, outlier, exposure, tolerance : optional
+    derivative, gain : optional
         Replace a value of the preset, see :class:`FlowParams`. λ is in gray levels of a 0–255 image.
 
     Raises
@@ -129,6 +130,7 @@ class HornSchunck:
         median: int | None = None,
         presmooth: float | None = None,
         outlier: float | None = None,
+        exposure: bool | None = None,
         tolerance: float | None = None,
         derivative: Derivative | None = None,
         gain: float | None = None,
@@ -143,6 +145,7 @@ class HornSchunck:
             median=median,
             presmooth=presmooth,
             outlier=outlier,
+            exposure=exposure,
             tolerance=tolerance,
             derivative=derivative,
             gain=gain,

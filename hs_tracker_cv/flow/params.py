@@ -16,7 +16,7 @@ Derivative = Literal["cube", "five-tap"]
 
 DERIVATIVES: tuple[Derivative, ...] = get_args(Derivative)
 
-_PYRAMID_FIELDS = frozenset({"iterations", "levels", "ratio", "warps", "median", "presmooth", "outlier"})
+_PYRAMID_FIELDS = frozenset({"iterations", "levels", "ratio", "warps", "median", "presmooth", "outlier", "exposure"})
 _FIELDS_OF_MODE: dict[Mode, frozenset[str]] = {
     "classic": frozenset({"iterations"}),
     "solve": frozenset({"iterations", "tolerance"}),
@@ -59,6 +59,10 @@ class FlowParams:
     outlier : float
         Gray-level difference between a pixel and its warped counterpart at which the pixel's data term counts
         half; 0 counts all pixels alike, as the paper does.
+    exposure : bool
+        Whether a change of gain and offset of the whole frame between the two, as auto-exposure makes it, is
+        estimated and taken off; without that it is taken for motion. A plain ramp that moves looks the same, so
+        callers with windows that hold little else should do without.
     tolerance : float
         "solve" stops at this residual over right-hand side (2-norms), or where float32 ends, about 3e-7. The flow's
         own error is larger: 1e-7 keeps it under 1e-4 px for λ ≥ 5.
@@ -80,6 +84,7 @@ class FlowParams:
     median: int = 1
     presmooth: float = 0.0
     outlier: float = 0.0
+    exposure: bool = False
     tolerance: float = 1e-7
 
     def __post_init__(self) -> None:
@@ -149,6 +154,7 @@ PRESETS: dict[Mode, dict[str, float | str | None]] = {
         "median": 5,
         "presmooth": 0.5,
         "outlier": 10.0,
+        "exposure": True,
     },
     "default": {
         "mode": "default",
@@ -161,6 +167,7 @@ PRESETS: dict[Mode, dict[str, float | str | None]] = {
         "median": 5,
         "presmooth": 0.5,
         "outlier": 10.0,
+        "exposure": True,
     },
     "accurate": {
         "mode": "accurate",
@@ -173,6 +180,7 @@ PRESETS: dict[Mode, dict[str, float | str | None]] = {
         "median": 5,
         "presmooth": 0.5,
         "outlier": 10.0,
+        "exposure": True,
     },
 }
 """Parameters of each mode. λ: 10 for the paper's own system; 4 with warping, where coarser levels and the median do

@@ -317,7 +317,14 @@ def _solver(levels: int, params: LayersParams) -> Any:
         from ..flow import HornSchunck
 
         cache[key] = HornSchunck(
-            "fast", smoothness=params.smoothness, levels=levels, warps=params.warps, ratio=0.5, iterations=5, gain=1.0
+            "fast",
+            smoothness=params.smoothness,
+            levels=levels,
+            warps=params.warps,
+            ratio=0.5,
+            iterations=5,
+            gain=1.0,
+            exposure=False,
         )
     return cache[key]
 

@@ -56,7 +56,7 @@ def _flow(a: F32, b: F32, params: PropagationParams, levels: int) -> F32:
     key = (params.preset, params.smoothness, levels, params.warps)
     if key not in solvers:
         solvers[key] = HornSchunck(
-            params.preset, smoothness=params.smoothness, levels=levels, warps=params.warps, gain=1.0
+            params.preset, smoothness=params.smoothness, levels=levels, warps=params.warps, gain=1.0, exposure=False
         )
     flow: F32 = solvers[key].calc(a, b, None)
     return flow
