@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from dataclasses import dataclass, field
 from .deform import DEFORMS
 from .effects import BLANKS, EFFECTS, SURFACE_EFFECTS
 from .motion import PATHS
+from .plain import to_plain
 from .shapes import SHAPES
 from .textures import TEXTURES
 
@@ -349,8 +351,12 @@ class SequenceSpec:
         _require(not (self.deep and compressed), "expected a deep sequence without jpeg, which has 8 bits")
 
     def digest(self) -> str:
-        """Hash of everything that decides the pixels, as 16 hex digits; stable across processes."""
-        return hashlib.sha256(f"{RENDERER_VERSION} {self!r}".encode()).hexdigest()[:16]
+        """Hash of everything that decides the pixels, as 16 hex digits; stable across processes.
+
+        Fields that have their defaults are not part of it: a new one leaves the digests of all specs as they are.
+        """
+        text = json.dumps(to_plain(self), sort_keys=True)
+        return hashlib.sha256(f"{RENDERER_VERSION} {text}".encode()).hexdigest()[:16]
 
     def blank(self, t: int) -> Blank | None:
         """Say which blank frame t is, if any."""

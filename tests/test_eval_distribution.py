@@ -158,7 +158,7 @@ def test_the_modules_that_make_pixels_are_those_that_rendering_imports() -> None
         tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
         imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level == 1]
         open_ |= {str(node.module) for node in imports} - found
-    assert found - {"spec", "sequence"} == set(rendered.RENDERERS)
+    assert found - {"plain", "spec", "sequence"} == set(rendered.RENDERERS)
 
 
 def test_names_of_folders_hold_kind_and_seed() -> None:
