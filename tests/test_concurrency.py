@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv import TrackerHS_create, TrackerHS_Params
+from hs_tracker_cv import HornSchunck, TrackerHS_create, TrackerHS_Params
 from hs_tracker_cv._native import kernels
 from tests.conftest import moving_square
 
@@ -189,6 +189,32 @@ def test_child_processes_answer_as_the_parent_does(method: str) -> None:
     assert here[0] == here[1]
     assert in_a_process(method, job) == here[0]
     assert follow(job) == here[0]
+
+
+@pytest.mark.parametrize("busy", ["flow", "trackers"])
+def test_a_child_forked_while_threads_are_in_kernels_answers_too(busy: str) -> None:
+    """The thread that forks holds Python's lock: the others are in kernels, or wait to come back from them."""
+    if "fork" not in multiprocessing.get_all_start_methods():
+        pytest.skip("fork does not exist here")
+    job, done = work(3), threading.Event()
+    expected, frames = follow(job), np.random.default_rng(0).uniform(0, 255, (2, 480, 640)).astype(np.float32)
+
+    def work_on() -> None:
+        flow = HornSchunck("fast")
+        while not done.is_set():
+            flow.calc(*frames) if busy == "flow" else follow(work(0))
+
+    threads = [threading.Thread(target=work_on) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    try:
+        for _ in range(5):
+            assert in_a_process("fork", job) == expected
+    finally:
+        done.set()
+        for thread in threads:
+            thread.join()
+    assert follow(job) == expected
 
 
 def test_a_track_may_go_on_in_another_process() -> None:
