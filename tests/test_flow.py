@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 import pickle
 import subprocess
 import sys
 import threading
-from typing import Literal, get_args, get_type_hints
+from typing import Any, Literal, get_args, get_type_hints
 
 import cv2
 import numpy as np
@@ -318,6 +319,31 @@ def test_copies_work_and_leave_the_memory_behind():
     for twin in (pickle.loads(pickle.dumps(solver)), copy.deepcopy(solver)):
         assert twin.params == solver.params
         np.testing.assert_array_equal(twin.calc(*frames), flow)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"params": None}, "params to be FlowParams, got None"),
+        ({"params": ("warps", 0)}, "integer warps >= 1, got 0"),
+        ({"params": ("smoothness", math.nan)}, "finite smoothness > 0, got nan"),
+        ({"_previous": [[1.0]]}, "_previous to be a contiguous plane"),
+        ({"_previous": np.zeros((0, 5), np.float32)}, "_previous to be a contiguous plane"),
+        ({"_previous": np.zeros((9, 9))}, "_previous to be a contiguous plane"),
+        ({"_previous": np.zeros((9, 9, 2), np.float32)}, "_previous to be a contiguous plane"),
+        ({"_previous": np.zeros((9, 18), np.float32)[:, ::2]}, "_previous to be a contiguous plane"),
+    ],
+)
+def test_an_edited_pickle_is_refused(changes: dict[str, Any], words: str) -> None:
+    """What kernels would read is checked when it comes out of a pickle, and the solver stays as it was."""
+    solver = HornSchunck("fast")
+    state = solver.__getstate__() | changes
+    if isinstance(state["params"], tuple):
+        state["params"] = copy.copy(solver.params)
+        object.__setattr__(state["params"], *changes["params"])
+    with pytest.raises(ValueError, match=words):
+        solver.__setstate__(state)
+    assert solver.params == HornSchunck("fast").params
 
 
 @pytest.mark.parametrize("shared", [False, True])

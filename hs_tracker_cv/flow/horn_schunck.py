@@ -7,13 +7,14 @@ doi:10.1016/0004-3702(81)90024-2.
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Frame, InputError, as_pair, fixed_errstate, to_gray
+from ..validation import shown
 from . import sweeps
 from .coarse_to_fine import coarse_to_fine, horn_schunck_solver
 from .multigrid import solve
@@ -241,7 +242,13 @@ class HornSchunck:
         return {"params": self.params, "_previous": self._previous}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore it."""
+        """Take over what :meth:`__getstate__` gave. Anybody may have edited it: then this is a ValueError."""
+        params, previous = state.get("params"), state.get("_previous")
+        if not isinstance(params, FlowParams):
+            raise ValueError(f"expected params to be FlowParams, got {shown(params)}")
+        replace(params)  # which checks every value
+        if previous is not None and not _is_gray(previous):
+            raise ValueError(f"expected _previous to be a contiguous plane of float32, got {shown(previous)}")
         self.__dict__.update(state)
         self._idle = []
         self._stream = threading.Lock()
