@@ -51,6 +51,7 @@ def run(
     jobs: Jobs = 2,
     timeout: float = 300.0,
     memory: float = 2048.0,
+    processes: int = 64,
     starts: int = 0,
     frames: int | None = None,
     retry_failed: bool = False,
@@ -65,6 +66,8 @@ def run(
         Seconds for one tracker on one sequence.
     memory
         Megabytes for one tracker, with all processes that it starts.
+    processes
+        How many those may be at a time.
     starts
         Besides the exact start box, so many perturbed by up to ±10 %.
     frames
@@ -74,7 +77,7 @@ def run(
     """
     specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
     folder, found = _open(out, suite, dataset, sequences, frames=frames)
-    _run_with_progress(specs, found, folder, jobs, Limits(timeout, memory, paths=paths), starts, retry_failed)
+    _run_with_progress(specs, found, folder, jobs, Limits(timeout, memory, processes, paths), starts, retry_failed)
     _print_summary(folder, [spec.name for spec in specs])
 
 

@@ -39,7 +39,7 @@ START_SECONDS = 120.0
 """For a child to be ready, on a machine that is busy; it is not charged to what it runs."""
 
 _GLANCE_SECONDS = 0.1
-_LEAVE_SECONDS = 5.0
+_LEAVE_SECONDS = 30.0  # for the supervisor, on a machine that is busy; it takes milliseconds
 _PIPE_BYTES = 2**20
 _PRINTED_MEGABYTES = 64.0  # what may be printed: it goes to the disk that the results are on
 _TAIL = 65536  # bytes at the end of what was printed, among which the last line is looked for

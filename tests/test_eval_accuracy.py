@@ -397,6 +397,17 @@ def test_weights_that_a_parameter_names_can_be_read(
     assert run_one(Job(kept, sequence)).status.startswith("raised PermissionError")
 
 
+def test_where_the_kernel_keeps_nothing_from_anyone_a_run_says_so(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without Landlock a run is the same, and its provenance is not."""
+    monkeypatch.setattr("eval.sandbox._version", lambda: 0)
+    folder = Folder(tmp_path / "results")
+    run_jobs(make_jobs([bad("Fine")], [sequence]), folder, workers=1, report=collect([]))
+    run = folder.read_run(folder.run_path("Fine", "tiny", 0, 0))
+    assert (run.status, run.provenance["isolation"]) == (COMPLETED, "paths not told")
+
+
 def test_a_tracker_that_ends_late_is_not_waited_for(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
     """All its answers count, and what it has left running ends with its process."""
     run = run_one(Job(bad("Linger"), sequence), limits=Limits(seconds=20.0))
@@ -712,10 +723,13 @@ def test_an_interrupted_run_goes_on(
     stored = tmp_path / "otb-data" / "tracks"
     try:
         deadline = time.monotonic() + 60.0
-        while not list(stored.glob("*Fine-*/*.json")) and time.monotonic() < deadline:
+        workers: list[psutil.Process] = []
+        while not (list(stored.glob("*Fine-*/*.json")) and workers) and time.monotonic() < deadline:
             time.sleep(0.05)
+            workers = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(number)
         _, message = process.communicate(timeout=60.0)
+        assert all(gone(worker.pid) for worker in workers)
     finally:
         process.kill()
     assert process.returncode == code
