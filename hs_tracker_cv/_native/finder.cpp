@@ -42,6 +42,18 @@ void weigh(double centre, double step, Index size, Index length, Index *first, f
     }
 }
 
+// The samples of one row, into a plane for each channel.
+template <Index Channels>
+void gather(const float *line, const Index *columns, const float *weights, Index across, float *patch) {
+    for (Index j = 0; j < PATCH; ++j) {
+        float total[Channels] = {};
+        const float *in = line + columns[j] * Channels;
+        for (Index k = 0; k < across; ++k)
+            for (Index c = 0; c < Channels; ++c) total[c] += weights[j * across + k] * in[k * Channels + c];
+        for (Index c = 0; c < Channels; ++c) patch[c * PATCH * PATCH + j] = total[c];
+    }
+}
+
 void sample_straight(const Picture &picture, const Place &place, float *room, float *patch) {
     const Index channels = picture.channels;
     const Index across = taps_length(place.step_x, picture.width), down = taps_length(place.step_y, picture.height);
@@ -60,14 +72,10 @@ void sample_straight(const Picture &picture, const Place &place, float *room, fl
 #pragma omp simd
             for (Index j = left; j < right; ++j) out[j] += weight * in[j];
         }
-        for (Index c = 0; c < channels; ++c) {
-            float *out = patch + (c * PATCH + i) * PATCH;
-            for (Index j = 0; j < PATCH; ++j) {
-                float total = 0.0f;
-                for (Index k = 0; k < across; ++k) total += weights_x[j * across + k] * line[(columns[j] + k) * channels + c];
-                out[j] = total;
-            }
-        }
+        if (channels == 3)
+            gather<3>(line, columns, weights_x, across, patch + i * PATCH);
+        else
+            gather<1>(line, columns, weights_x, across, patch + i * PATCH);
     }
 }
 
