@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -112,6 +112,7 @@ def test_more_rounds_keep_the_filter_closer_inside() -> None:
     assert outside[0] > outside[1] > 10 * outside[2]
 
 
+@settings(deadline=None)
 @given(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0))
 def test_peak_between_samples_is_that_of_the_function(dx: float, dy: float) -> None:
     """The peak of a sampled Gaussian is found to a hundredth of a cell, with its height and the witness's."""
