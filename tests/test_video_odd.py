@@ -176,7 +176,7 @@ HEADS = [b"RIFF", b"\x1a\x45\xdf\xa3", b"\0\0\0\x01mdat", b"\0\0\0\x08ftyp", b"\
 
 
 @given(st.lists(st.sampled_from(HEADS) | st.binary(max_size=20), max_size=6).map(b"".join))
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_garbage_has_some_length_or_none(tmp_path: Path, data: bytes) -> None:
     """Whatever follows a known head: an answer, no error and no endless search."""
     path = tmp_path / "garbage"
