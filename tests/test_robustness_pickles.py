@@ -29,6 +29,8 @@ from tests.test_robustness_tracks import Story, frames_of, stories
 
 Path = tuple[str | int, ...]
 
+VERSION = tracker_module.STATE_VERSION
+
 NUMBERS = [0, -1, 1, 2, -5, 17, 1e5, -1e5, 10**6, 2**31 - 1, -(2**31), 2**63, 10**400, math.nan, math.inf, -math.inf]
 ODDITIES: list[Any] = [*NUMBERS, 1e300, 1e-300, None, "3", "lost", "bad", b"", True, (), [], {}, object, 3j]
 
@@ -219,12 +221,12 @@ def test_every_array_of_a_track_says_its_shape() -> None:
 @pytest.mark.parametrize(
     ("state", "words"),
     [
-        (None, "version 1, got version None"),
-        ({}, "version 1, got version None"),
-        ({"version": 2}, "version 1, got version 2"),
-        ({"version": 1}, "_parameters to be TrackerHS_Params, got None"),
-        ({"version": 1, "_parameters": TrackerHS_Params()}, "_track to be a _Track, got 'nothing'"),
-        ({"version": 1, "_parameters": {"mode": "auto"}, "_track": None}, "_parameters to be TrackerHS_Params"),
+        (None, f"version {VERSION}, got version None"),
+        ({}, f"version {VERSION}, got version None"),
+        ({"version": VERSION + 1}, f"version {VERSION}, got version {VERSION + 1}"),
+        ({"version": VERSION}, "_parameters to be TrackerHS_Params, got None"),
+        ({"version": VERSION, "_parameters": TrackerHS_Params()}, "_track to be a _Track, got 'nothing'"),
+        ({"version": VERSION, "_parameters": {"mode": "auto"}, "_track": None}, "_parameters to be TrackerHS_Params"),
     ],
 )
 def test_another_version_or_half_a_state_is_refused(state: Any, words: str) -> None:
