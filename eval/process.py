@@ -163,6 +163,9 @@ class Child:
             raise
         except ChildError as error:
             raise OSError(f"cannot start a process for what is judged: it {error}") from error
+        except BaseException:
+            self.close()
+            raise
 
     def __enter__(self) -> Child:
         """Nothing to do: it runs."""

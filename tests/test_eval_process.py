@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from eval.accuracy import Job, hidden_paths, run_one
-from eval.clock import untrue_time
+from eval.clock import Clock, UntrueTimeError, untrue_time
 from eval.datasets import load_dataset
 from eval.metrics import frame_scores, summarise
-from eval.process import Child, ChildError, Limits
+from eval.process import Answer, Child, ChildError, Limits
 from eval.results import COMPLETED, Folder, SpeedRun
 from eval.sandbox import available, readable_paths
 from eval.sequences import Sequence
@@ -350,6 +350,29 @@ def test_a_tracker_that_turns_the_clock_loses_its_row(
     assert found[0].status["Honest"] == COMPLETED
     if status == COMPLETED:
         assert min(found[0].milliseconds["Slow"]) >= 2.0
+
+
+@pytest.mark.parametrize(("load", "refused"), [(0.1, True), (1e6, False)])
+def test_a_machine_under_load_is_given_more_slack(
+    load: float, refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half a millisecond that is not accounted for is a lie on a quiet machine, and nothing on a busy one."""
+
+    class Mute:
+        def transport(self) -> tuple[float, float]:
+            return 0.0, 0.0
+
+        def ask(self, content: object) -> Answer:
+            return Answer({"cpu_ms": 1.0, "wall_ms": 1.0}, (), 0.01, 0.0015)
+
+    monkeypatch.setattr(os, "getloadavg", lambda: (load, load, load))
+    clock = Clock(Mute())  # type: ignore[arg-type]
+    for _ in range(3):
+        assert clock.timed({}) == (1.0, 1.0)
+    if refused:
+        with pytest.raises(UntrueTimeError, match=r"reported 0\.500 ms less per call"):
+            clock.check()
+    clock.check()
 
 
 def test_a_child_that_cannot_start_is_no_trackers_fault() -> None:
