@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -119,9 +120,10 @@ class Page:
                 list(self.session.sources.names), label="Video", on_change=lambda event: self.open(event.value)
             )
             self.name.classes("hs-grow").props("data-part=name dense outlined options-dense")
-            self.upload = (
-                ui.upload(auto_upload=True, on_upload=self._take).classes("hidden").props("data-part=upload")
-            )
+            # FastAPI keeps the handlers of uploads in a cache for good: they must not keep the page.
+            page = weakref.ref(self)
+            self.upload = ui.upload(auto_upload=True, on_upload=lambda event: _taken(page(), event))
+            self.upload.classes("hidden").props("data-part=upload")
             self.upload.props(f"accept={','.join(sorted(VIDEO_SUFFIXES))}")
             pick = f"() => runMethod({self.upload.id}, 'pickFiles', [])"
             ui.button("Open file", icon="upload_file").props("outline dense no-caps data-part=open").on(
@@ -176,7 +178,8 @@ class Page:
 
     # Sources
 
-    async def _take(self, event: events.UploadEventArguments) -> None:
+    async def take(self, event: events.UploadEventArguments) -> None:
+        """Store an upload and open it."""
         try:
             name, path = self.session.sources.reserve(event.file.name)
         except VideoError as error:
@@ -409,8 +412,14 @@ class Page:
 
     async def _leave(self) -> None:
         self.left = True
+        self.grid.panels = []
         # In a thread: it waits for the frame that is being worked on.
         await run.io_bound(self.session.close)
+
+
+async def _taken(page: Page | None, event: events.UploadEventArguments) -> None:
+    if page is not None:
+        await page.take(event)
 
 
 def _rows(tracks: list[Any], index: int) -> str:

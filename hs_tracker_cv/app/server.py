@@ -21,6 +21,8 @@ __all__ = ["PageServer", "listen", "report"]
 
 TRIED_PORTS = 20
 """How many ports are tried, from the wanted one on."""
+RECONNECT_SECONDS = 15.0
+"""How long a page that has lost its connection keeps its video: a busy machine, a laptop that slept for a moment."""
 GRACE_SECONDS = 2
 """How long open connections may delay the end."""
 
@@ -65,7 +67,9 @@ class PageServer(uvicorn.Server):
     def __init__(self, listener: socket.socket, *, token: str, ticket: str) -> None:
         self._listener = listener
         outer = FastAPI(openapi_url=None)
-        ui.run_with(outer, title="hs-track", dark=None, show_welcome_message=False)
+        ui.run_with(
+            outer, title="hs-track", dark=None, reconnect_timeout=RECONNECT_SECONDS, show_welcome_message=False
+        )
         guarded = Guard(outer, port=listener.getsockname()[1], token=token, ticket=ticket)
         # On the loopback interface compression costs more than it saves; wsproto comes with NiceGUI.
         config = uvicorn.Config(

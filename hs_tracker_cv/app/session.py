@@ -113,12 +113,13 @@ class Session:
         self._store = FrameStore(lambda: self.sources.open(name))
         self.index, self.frame = 0, self._store.get(0)
 
-    @_alone
     def close(self) -> None:
-        """Give the video back and delete the uploads; nothing can be opened any more."""
-        self._closed = True
-        self._release()
-        self.sources.close()
+        """Give the video, the memory and the uploads back; nothing can be opened any more."""
+        with self._panel_lock, self._lock:
+            self._closed = True
+            self._release()
+            self._stages, self._method = None, PaperMethod()
+            self.sources.close()
 
     def _release(self) -> None:
         if self._store is not None:
