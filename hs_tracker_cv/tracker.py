@@ -50,7 +50,10 @@ SURE = 0.8
 """Score from which the carried box may take over from a segmentation that is doubted, and its size is compared."""
 
 ASK_EVERY = 5
-"""Frames between two questions to a carried box that rides on a segmentation that is doubted."""
+"""Frames between two questions to a carried box that rides on a segment: where would it be on its own?"""
+
+LEAST = 0.25
+"""Chance of being right below which the answer is False."""
 
 WATCH_EVERY = 2
 """Frames between two looks at the background of an object whose segmentation is not trusted."""
@@ -384,6 +387,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
     if segmented and carried:
         carried, choice = _choose(track, segmented, carried, choice, frame)
     report = _followed(segmented, carried, choice).report
+    score = choice.belief(report.score) if report.ok and choice.trusted and segmented and carried else report.score
     advanced = _Track(
         video=track.video,
         layers=segmented,
@@ -391,11 +395,13 @@ def _advance(track: _Track, frame: Frame) -> _Track:
         choice=choice,
         box=report.box,
         options=track.options,
-        score=report.score,
+        score=score,
         state=_state(report, frame),
         target=_known(track.target, segmented, choice),
         overview=now,
     )
+    if report.ok and score < LEAST:
+        return replace(advanced, state="lost")
     return advanced if advanced.state == "tracking" else _await(track, advanced, frame, seen)
 
 
@@ -424,8 +430,6 @@ def _choose(
     witness = carried.report.score > SURE
     difference = size_difference(segmented.report.box, carried.report.box) if witness else None
     judged = judge(choice, segmented.report.unexplained, difference)
-    if choice.trusted and not judged.trusted and segmented.report.ok:
-        return _hand_over(track, carried, judged, frame)
     if judged.trusted and not choice.trusted and not carried.report.ok:
         judged = replace(judged, trusted=False)  # nobody knows where the object is that it should follow
     return carried, judged
@@ -460,20 +464,6 @@ def _await(track: _Track, lost: _Track, frame: Frame, seen: Sighting | None) -> 
     return replace(found, layers=segmented, propagation=carried, choice=Choice(), scene=None, score=SURE)
 
 
-def _hand_over(
-    track: _Track, carried: PropagationState, judged: Choice, frame: Frame
-) -> tuple[PropagationState, Choice]:
-    """Segmentation is doubted, but only a carried box that is sure of the object can take over from it."""
-    assert track.propagation is not None
-    rode = track.choice.frames >= WITNESS_FRAMES
-    if not rode or track.choice.since % ASK_EVERY == 0:
-        # One that rode along is asked where it would have gone by itself.
-        successor = propagation.step(track.propagation, frame, track.options) if rode else carried
-        if successor.report.ok and successor.report.score > SURE:
-            return successor, judged
-    return carried, judged.keeping(track.choice)
-
-
 def _look(
     track: _Track, frame: Frame, seen: Sighting | None
 ) -> tuple[LayersState | None, PropagationState | None, Choice]:
@@ -485,11 +475,11 @@ def _look(
     segmented, carried, choice = track.layers, track.propagation, track.choice
     near = seen.box.centre if seen else None
     if segmented is None or carried is None or choice.frames < WITNESS_FRAMES:
-        return (
-            _segment(segmented, frame) if segmented else None,
-            propagation.step(carried, frame, track.options, near=near) if carried else None,
-            choice,
-        )
+        segmented = _segment(segmented, frame) if segmented else None
+        carried = propagation.step(carried, frame, track.options, near=near) if carried else None
+        if segmented and carried:
+            choice = choice.asked(carried.report.score, iou(segmented.report.box, carried.report.box))
+        return segmented, carried, choice
     if not choice.trusted:
         carried = propagation.step(carried, frame, track.options, near=near)
         if choice.since % WATCH_EVERY == 0:
@@ -499,6 +489,11 @@ def _look(
     if segmented.report.ok and not _believable(segmented.report.box, track.scene, seen, frame):
         segmented = segmented.replace(report=replace(segmented.report, ok=False, lost=True, score=0.0))
     if segmented.report.ok:
+        if choice.since % ASK_EVERY == 0:
+            asked = propagation.step(carried, frame, track.options)
+            choice = choice.asked(asked.report.score, iou(segmented.report.box, asked.report.box))
+            if choice.contradicted:
+                return segmented, asked, choice.carried_away
         return segmented, propagation.ride(carried, segmented.report.box), choice
     return _search(track, segmented, carried, frame, seen)
 
