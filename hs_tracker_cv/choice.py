@@ -15,10 +15,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-from .geometry import Box
+from .geometry import Box, iou
 from .validation import Count, Within
 
-__all__ = ["WITNESS_FRAMES", "Choice", "judge", "size_difference"]
+__all__ = ["WITNESS_FRAMES", "Choice", "agreement", "judge", "size_difference"]
 
 WITNESS_FRAMES = 20
 """Frames after the start in which the size of the carried box can be relied on."""
@@ -27,9 +27,9 @@ _LIMIT = -2.25
 _SIZE_WEIGHT = 4.0
 _FLOOR = 0.01
 _RATE = 0.05
-_LEAVE, _RETURN = -0.7, -1.2
+_LEAVE, _RETURN = -0.4, -0.8  # doubt
 _FIRST_SWITCH = 6
-_APART, _RATHER, _LIKELY = 0.5, 0.6, 0.5
+_APART, _RATHER, _LIKELY = 0.5, 0.6, 0.7  # agreement; chances of the carried box: contradicting, and taking over
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Choice:
     log_unexplained : float
         Running mean of log(unexplained share of the background + 0.01).
     size_difference : float
-        Mean |log ratio| of the widths plus that of the heights of the two boxes, over those of the first
-        `WITNESS_FRAMES` frames in which the carried box is a witness.
+        Mean `size_difference` of the two boxes, over those of the first `WITNESS_FRAMES` frames in which the carried
+        box is a witness.
     witnessed : int
         How many these were.
     trusted : bool
@@ -54,7 +54,7 @@ class Choice:
     chance : float
         Chance that the carried box is right, 0–1, when it was last asked.
     agreement : float
-        IoU of the two boxes then.
+        `agreement` of the two boxes then.
     """
 
     frames: Count = 0
@@ -142,11 +142,21 @@ def _log_odds(chance: float) -> float:
 
 
 def size_difference(a: Box, b: Box) -> float:
-    """|log ratio| of the widths plus that of the heights; 0 for boxes of equal size.
+    """Twice the |log ratio| of the diagonals: that of a bar stays as it is while it turns, those of its sides do not.
 
     Examples
     --------
-    >>> size_difference(Box(0, 0, 20, 10), Box(5, 5, 20, 10))
+    >>> size_difference(Box(0, 0, 20, 10), Box(5, 5, 10, 20))
     0.0
     """
-    return sum(abs(math.log(max(one, 1.0) / max(other, 1.0))) for one, other in ((a.w, b.w), (a.h, b.h)))
+    return 2.0 * abs(math.log(max(math.hypot(a.w, a.h), 1.0) / max(math.hypot(b.w, b.h), 1.0)))
+
+
+def agreement(a: Box, b: Box) -> float:
+    """How well two boxes agree on the place, 0–1: their IoU, or more where only their shapes differ.
+
+    Boxes of one size that are a third of their side apart have ½ by either measure.
+    """
+    (ax, ay), (bx, by) = a.centre, b.centre
+    side = math.sqrt(max(0.5 * (a.area + b.area), 1.0))
+    return min(max(iou(a, b), 1.0 - 1.5 * math.hypot(ax - bx, ay - by) / side), 1.0)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import layers, propagation, sighting
-from .choice import WITNESS_FRAMES, Choice, judge, size_difference
+from .choice import WITNESS_FRAMES, Choice, agreement, judge, size_difference
 from .flow import derivatives, normal_flow
 from .frames import (
     Frame,
@@ -478,7 +478,7 @@ def _look(
         segmented = _segment(segmented, frame) if segmented else None
         carried = propagation.step(carried, frame, track.options, near=near) if carried else None
         if segmented and carried:
-            choice = choice.asked(carried.report.score, iou(segmented.report.box, carried.report.box))
+            choice = choice.asked(carried.report.score, agreement(segmented.report.box, carried.report.box))
         return segmented, carried, choice
     if not choice.trusted:
         carried = propagation.step(carried, frame, track.options, near=near)
@@ -491,7 +491,7 @@ def _look(
     if segmented.report.ok:
         if choice.since % ASK_EVERY == 0:
             asked = propagation.step(carried, frame, track.options)
-            choice = choice.asked(asked.report.score, iou(segmented.report.box, asked.report.box))
+            choice = choice.asked(asked.report.score, agreement(segmented.report.box, asked.report.box))
             if choice.contradicted:
                 return segmented, asked, choice.carried_away
         return segmented, propagation.ride(carried, segmented.report.box), choice
