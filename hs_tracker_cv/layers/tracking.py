@@ -24,7 +24,7 @@ __all__ = ["reseed", "start", "step", "watch"]
 _FAR = 40  # lattice px: farthest an unseen object is looked for from where it is expected
 _UNSEEN = 0.12  # visible share below which the object counts as out of sight
 _ALIKE = 0.2  # of what is taken for the object so much must look about as it did
-_GONE = 0.7  # misfit from which the object is not there
+_GONE, _BACK = 0.85, 0.5  # misfit from which the object is not there, and up to which it is back
 _ALIKE_ENOUGH = 0.6  # share of it that looks as it did from which the score does not suffer
 _YOUNG = 5  # frames before which the shape is too little known to conclude from what is missing of it
 _NOTHING = 0.02  # visible share below which that is believed at once
@@ -255,7 +255,7 @@ def _judge(
     was_hidden = state.occlusion.coasting > 0
     usable = moves.contrast >= 0.2 and state.count >= _YOUNG
     share = hiding.visible_share(sight.area, sight.both, sight.seen, hidden=was_hidden)
-    vanished = moves.misfit > _GONE or (
+    vanished = moves.misfit > (_BACK if state.occlusion.vanished else _GONE) or (
         alike < _ALIKE * share and usable and (state.occlusion.vanished or not state.occlusion.occluded)
     )
     if vanished:  # what is there is not the object, whatever it may be
