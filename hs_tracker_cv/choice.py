@@ -27,7 +27,7 @@ _LIMIT = -2.25
 _SIZE_WEIGHT = 4.0
 _FLOOR = 0.01
 _RATE = 0.05
-_LEAVE, _RETURN = -0.4, -0.8  # doubt
+_LEAVE, _RETURN = 0.0, -0.8  # doubt
 _FIRST_SWITCH = 6
 _APART, _RATHER, _LIKELY = 0.5, 0.6, 0.7  # agreement; chances of the carried box: contradicting, and taking over
 

@@ -67,7 +67,7 @@ SIGHTED = 0.45
 WHOLE = 0.8
 """Share of the object sighted from which segmentation begins anew there."""
 
-STATE_VERSION = 2
+STATE_VERSION = 3
 """Of what a pickle of a tracker holds; a change of any class in it changes the number."""
 
 PATIENCE = 60
