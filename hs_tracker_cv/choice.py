@@ -29,6 +29,7 @@ _FLOOR = 0.01
 _RATE = 0.05
 _LEAVE, _RETURN = 0.0, -0.8  # doubt
 _FIRST_SWITCH = 6
+_HARDLY = 0.25
 _APART, _RATHER, _LIKELY = 0.5, 0.6, 0.7  # agreement; chances of the carried box: contradicting, and taking over
 
 
@@ -80,6 +81,10 @@ class Choice:
     def contradicted(self) -> bool:
         """The carried box is rather right than not, and elsewhere."""
         return self.agreement < _APART and self.chance > _RATHER
+
+    def outweighed(self, belief: float) -> bool:
+        """A segment hardly to be believed stands against a carried box that is rather right than not."""
+        return self.trusted and belief < _HARDLY and self.chance > _RATHER
 
     @property
     def carried_away(self) -> Choice:

@@ -386,8 +386,12 @@ def _advance(track: _Track, frame: Frame) -> _Track:
     segmented, carried, choice = _look(track, frame, seen)
     if segmented and carried:
         carried, choice = _choose(track, segmented, carried, choice, frame)
-    report = _followed(segmented, carried, choice).report
-    score = choice.belief(report.score) if report.ok and choice.trusted and segmented and carried else report.score
+    report: LayersReport | PropagationReport = _followed(segmented, carried, choice).report
+    score = report.score
+    if segmented and carried and choice.trusted and report.ok:
+        score = choice.belief(report.score)
+        if carried.report.ok and choice.outweighed(score):
+            choice, report, score = choice.carried_away, carried.report, carried.report.score
     advanced = _Track(
         video=track.video,
         layers=segmented,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hs_tracker_cv.choice import WITNESS_FRAMES, Choice, judge, size_difference
+from hs_tracker_cv.choice import WITNESS_FRAMES, Choice, agreement, judge, size_difference
 from hs_tracker_cv.geometry import Box
 
 shares = st.floats(0, 1)
@@ -85,16 +87,43 @@ def test_size_difference_is_symmetric_and_free_of_scale(w: float, h: float, fact
     assert size_difference(*scaled) == pytest.approx(size_difference(a, b))
 
 
-def test_keeping_leaves_the_measurements_alone() -> None:
-    """Where nothing better is at hand, segmentation stays trusted; what was measured against it stays known."""
-    before = Choice()
-    for _ in range(30):
-        doubted = judge(before, 0.9, 1.0)
-        if not doubted.trusted:
-            break
-        before = doubted
-    assert not doubted.trusted
-    kept = doubted.keeping(before)
-    assert kept.trusted
-    assert kept.doubt == doubted.doubt
-    assert kept.since == before.since + 1
+@pytest.mark.parametrize("shift", [0.0, 5.0, 10.0, 20.0])
+def test_agreement_of_equal_boxes_falls_with_their_distance(shift: float) -> None:
+    """Boxes of one size a third of their side apart agree by one half, whichever measure is taken."""
+    assert agreement(Box(0, 0, 30, 30), Box(shift, 0, 30, 30)) == pytest.approx(
+        max(1.0 - shift / 20.0, (30.0 - shift) / (30.0 + shift))
+    )
+
+
+def test_a_bar_that_turns_agrees_with_itself() -> None:
+    """Upright boxes round a bar lying and standing: the same place, and the same size."""
+    lying, standing = Box.from_centre(50, 50, 40, 8), Box.from_centre(50, 50, 8, 40)
+    assert agreement(lying, standing) == 1.0
+    assert size_difference(lying, standing) == 0.0
+
+
+def test_a_sure_carried_box_elsewhere_is_followed() -> None:
+    """A segment that is contradicted is left, one that is confirmed is not."""
+    for chance, place, trusted in ((0.9, 0.1, False), (0.9, 0.9, True), (0.4, 0.1, True)):
+        choice = Choice()
+        for _ in range(10):
+            choice = judge(choice.asked(chance, place), 0.01, None)
+        assert choice.trusted is trusted
+
+
+def test_doubt_alone_leaves_a_segment_to_a_carried_box_that_is_likely_right_only() -> None:
+    """Where nobody knows where the object is, nothing is handed over."""
+    for chance, trusted in ((0.9, False), (0.3, True)):
+        choice = Choice()
+        for _ in range(10):
+            choice = judge(choice.asked(chance, 0.9), 0.5, None)
+        assert choice.trusted is trusted
+
+
+def test_belief_rises_with_all_that_speaks_for_a_segment() -> None:
+    """Monotone in its own score, in the chance of the carried box that agrees, and in the agreement."""
+    likely = Choice(log_unexplained=-3.0).asked(0.9, 0.9)
+    assert likely.belief(0.9) > likely.belief(0.3)
+    assert likely.belief(0.9) > likely.asked(0.1, 0.9).belief(0.9)
+    assert likely.belief(0.9) > likely.asked(0.9, 0.2).belief(0.9)
+    assert likely.belief(0.9) > replace(likely, log_unexplained=0.0).belief(0.9)

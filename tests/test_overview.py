@@ -123,3 +123,11 @@ def test_the_object_is_found_in_a_scene_that_stays() -> None:
     ok, box = answers[-1]
     assert ok
     assert overlap(box, truth(9)) > 0.8
+
+
+def test_a_small_change_before_a_flat_ground_is_not_another_scene() -> None:
+    """Thumbnails of fine noise are flat: a patch that comes and goes must not decide alone."""
+    ground = np.random.default_rng(0).integers(0, 256, (120, 160, 3)).astype(np.uint8)
+    patched = ground.copy()
+    patched[40:72, 52:84] = 255
+    assert same_scene(glance(patched), glance(ground))
