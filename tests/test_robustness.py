@@ -632,7 +632,8 @@ def test_a_track_goes_on_after_its_object_left_the_frame(step: tuple[int, int], 
     assert "refused" not in [update(tracker, frame) for frame in frames[1:]]
     rng, looked_at = np.random.default_rng(1), []
     for _ in range(2):
-        update(tracker, rng.integers(0, 256, (*SHAPE, 3), dtype=np.uint8))
+        noisy = frames[-1] + rng.normal(0.0, 2.0, (*SHAPE, 3))
+        update(tracker, np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
         looked_at.append(tracker.debug().current.tobytes())
     assert looked_at[0] != looked_at[1]
 
