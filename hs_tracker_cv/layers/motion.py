@@ -22,7 +22,7 @@ _LOCAL = threading.local()
 _NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
 _EVENLY, _BY_ODDS, _AS_VISIBLE, _AS_CHANGED = range(4)  # what the pixels of the object weigh, for `kernels.foresee`
 _POINTS = 2400  # room for those that motion is measured by
-_STEPS, _FIRST_STEPS = 3, 6  # most of Gauss–Newton; while the object is young
+_STEPS = 3  # most of Gauss–Newton, of object and camera
 _YOUNG = 10  # frames in which what moves with the object is still being found out
 _FLOOR = 0.01  # weight of a pixel of the box that has not changed yet
 _CHANGE, _SURE_CHANGE = 3.0, 9.0  # mean square over 3 × 3 pixels, in units of noise²: least change, and what is added
@@ -220,7 +220,7 @@ def _measure(
     measure(
         flow, view.image, view.previous, view.inside, seen.near, np.array(state.camera), state.noise, atlas.image,
         atlas.counts, np.array(atlas.offset), _CAMERA_STEPS, odds, seen.weight, seen.sums, seen.points, count,
-        seen.theta, state.occlusion.occluded, young, _FIRST_STEPS if young else _STEPS, np.empty_like(odds),
+        seen.theta, state.occlusion.occluded, young, _STEPS, np.empty_like(odds),
         np.empty_like(seen.points), register, theta,
     )  # fmt: skip
     return ground.Registered.of(register), theta
