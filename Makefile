@@ -48,6 +48,7 @@ lint: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/codespell
+	$(BIN)/clang-format --dry-run -Werror hs_tracker_cv/_native/*.[ch]pp
 	$(BIN)/mypy
 
 bench-flow: native

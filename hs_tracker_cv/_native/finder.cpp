@@ -12,7 +12,9 @@ constexpr Index SIDE = CELLS * CELL;
 constexpr Index EDGE = CELLS + 2; // cells along a side, with a ring of one
 constexpr float PI = 3.14159265f;
 
-static inline Index clamp(Index value, Index low, Index high) { return value < low ? low : value > high ? high : value; }
+static inline Index clamp(Index value, Index low, Index high) {
+    return value < low ? low : value > high ? high : value;
+}
 static inline double larger(double a, double b) { return a > b ? a : b; }
 static inline double smaller(double a, double b) { return a < b ? a : b; }
 
@@ -135,7 +137,8 @@ void edges(const float *patch, Index channels, Index i, float *HS_RESTRICT lengt
         const float a = std::fabs(x[j]), b = std::fabs(y[j]);
         const float most = a > b ? a : b, least = a > b ? b : a, t = least / (most + 1e-12f), s = t * t;
         const float arc =
-            t * (0.99997726f + s * (-0.33262347f + s * (0.19354346f + s * (-0.11643287f + s * (0.05265332f + s * -0.01172120f)))));
+            t * (0.99997726f +
+                 s * (-0.33262347f + s * (0.19354346f + s * (-0.11643287f + s * (0.05265332f + s * -0.01172120f)))));
         const float angle = b > a ? 0.5f * PI - arc : arc;
         // An edge and its negative are the same.
         const float turned = (x[j] < 0.0f) != (y[j] < 0.0f) ? PI - angle : angle;
@@ -316,7 +319,8 @@ void step(const float *in, float *out, Index count, Index re, Index im, const Ci
         for (Index q = 0; q < Left; ++q)
             for (Index b = 0; b < count; ++b)
                 butterflies<Radix, Lanes>(in + (q + Left * p) * point + 2 * Lanes * b, Left * WIDTH * point,
-                                          out + (q + Left * Radix * p) * point + 2 * Lanes * b, Left * point, turn, re, im);
+                                          out + (q + Left * Radix * p) * point + 2 * Lanes * b, Left * point, turn, re,
+                                          im);
     }
 }
 

@@ -26,7 +26,8 @@ std::unique_ptr<float[]> room(std::ptrdiff_t floats) { return std::unique_ptr<fl
 std::ptrdiff_t expect_channels(Py_ssize_t channels) {
     if (channels != GRAY_CHANNELS && channels != COLOUR_CHANNELS)
         throw nb::value_error(("expected " + std::to_string(GRAY_CHANNELS) + " or " + std::to_string(COLOUR_CHANNELS) +
-                               " channels, got " + std::to_string(channels)).c_str());
+                               " channels, got " + std::to_string(channels))
+                                  .c_str());
     return channels;
 }
 
@@ -45,9 +46,10 @@ Picture as_picture(const Array<const float, 3> &pixels) {
 Place as_place(double x, double y, double step_x, double step_y, double angle) {
     if (!(step_x > 0.0 && step_x < 1e4 && step_y > 0.0 && step_y < 1e4 && std::fabs(x) < 1e9 && std::fabs(y) < 1e9 &&
           std::isfinite(angle)))
-        throw nb::value_error(("expected a finite place with steps between 0 and 1e4, got x " + std::to_string(x) + ", y " +
-                               std::to_string(y) + ", steps " + std::to_string(step_x) + " and " + std::to_string(step_y) +
-                               ", angle " + std::to_string(angle)).c_str());
+        throw nb::value_error(("expected a finite place with steps between 0 and 1e4, got x " + std::to_string(x) +
+                               ", y " + std::to_string(y) + ", steps " + std::to_string(step_x) + " and " +
+                               std::to_string(step_y) + ", angle " + std::to_string(angle))
+                                  .c_str());
     return {x, y, step_x, step_y, std::cos(angle), std::sin(angle)};
 }
 
@@ -70,7 +72,8 @@ void describe(nb::handle picture, double x, double y, double step_x, double step
     nb::gil_scoped_release release;
     const FinderKernels &finder = level().finder;
     const auto space = room(finder.describe_room(view, place));
-    finder.describe(view, place, weights.data(), called ? called->data() : nullptr, space.get(), out.data(), means.data());
+    finder.describe(view, place, weights.data(), called ? called->data() : nullptr, space.get(), out.data(),
+                    means.data());
 }
 
 void shade(nb::handle picture, double x, double y, double step_x, double step_y, double angle, nb::handle grays) {
@@ -115,7 +118,7 @@ void adapt(nb::handle spectrum, nb::handle target, nb::handle penalty, nb::handl
     nb::gil_scoped_release release;
     const auto space = room(adapt_room(channels));
     level().finder.adapt(in.data(), wanted.data(), weights.data(), before ? before->data() : nullptr, channels,
-                          {memory, coupling, growth, rounds}, whole_circle(), space.get(), out.data());
+                         {memory, coupling, growth, rounds}, whole_circle(), space.get(), out.data());
 }
 
 std::tuple<double, double, double, double, double, double, double, double>
@@ -134,7 +137,7 @@ respond(nb::handle learned, nb::handle witness, nb::handle spectrum, double weig
         const auto space = room(4 * CELLS * HALF + 4 * CELLS * CELLS);
         float *spectra = space.get(), *responses = spectra + 4 * CELLS * HALF;
         level().finder.respond(first.data(), second.data(), in.data(), channels, whole_circle(),
-                                responses + 2 * CELLS * CELLS, spectra, responses);
+                               responses + 2 * CELLS * CELLS, spectra, responses);
         peak = find_peak(responses, spectra, {weight, right, down, across, along}, out.data());
     }
     return {peak.dx, peak.dy, peak.height, peak.value, peak.second, peak.mean, peak.deviation, peak.witness};

@@ -138,7 +138,8 @@ Exposure fitted(const LineSums &sums) {
 
 constexpr int FIRST_FITS = 4; // of the coarsest level, where the exposure is not yet known
 
-Exposure fit_exposure(const Plane &first, const Plane &warped, const Plane &mask, float outlier, const Exposure *known) {
+Exposure fit_exposure(const Plane &first, const Plane &warped, const Plane &mask, float outlier,
+                      const Exposure *known) {
     const WarpKernels &kernels = level().warping;
     Exposure exposure = known ? *known : Exposure{0.0f, median_difference(first, warped, mask)};
     for (int i = 0; i < (known ? 1 : FIRST_FITS); ++i)
@@ -151,7 +152,8 @@ Exposure fit_exposure(const Plane &first, const Plane &warped, const Plane &mask
 Exposure refine(const Planes &frames, const Planes &flow, const Refinement &how, const Exposure *known,
                 const Planes &scratch) {
     const Level &kernels = level();
-    const Plane first = plane(frames, 0), second = plane(frames, 1), warped = plane(scratch, 0), mask = plane(scratch, 1);
+    const Plane first = plane(frames, 0), second = plane(frames, 1), warped = plane(scratch, 0),
+                mask = plane(scratch, 1);
     const Slopes g = slopes(scratch, 2);
     Pair now = pair(flow, 0), other = pair(scratch, 5);
     Exposure exposure = known ? *known : Exposure{0.0f, 0.0f};

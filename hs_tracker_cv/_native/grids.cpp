@@ -56,8 +56,7 @@ void restrict_plane(const Plane &fine, const Plane &out) {
         const float *HS_RESTRICT lower = row(fine, 2 * y + 1);
         float *HS_RESTRICT to = row(out, y);
 #pragma omp simd
-        for (Index x = 0; x < width; ++x)
-            to[x] = (upper[2 * x] + upper[2 * x + 1]) + (lower[2 * x] + lower[2 * x + 1]);
+        for (Index x = 0; x < width; ++x) to[x] = (upper[2 * x] + upper[2 * x + 1]) + (lower[2 * x] + lower[2 * x + 1]);
     }
 }
 
@@ -154,7 +153,8 @@ void residual(const Pair &flow, const Pair &out, const CoarseSystem &system) {
     fill_ring(flow.v, 1.0f);
     const Index width = whole_blocks(out.u.width);
     for (Index y = 0; y < out.u.height; ++y)
-        residual_row(rows_round(flow.u, y), rows_round(flow.v, y), system_row(system, y), width, row(out.u, y), row(out.v, y));
+        residual_row(rows_round(flow.u, y), rows_round(flow.v, y), system_row(system, y), width, row(out.u, y),
+                     row(out.v, y));
 }
 
 } // namespace

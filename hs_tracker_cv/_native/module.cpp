@@ -114,10 +114,7 @@ void bind_system(nb::module_ &module) {
 void bind_multigrid(nb::module_ &module) {
     nb::class_<Multigrid>(module, "Multigrid")
         .def(
-            "__init__",
-            [](Multigrid *self, Index height, Index width) {
-                new (self) Multigrid(height, width);
-            },
+            "__init__", [](Multigrid *self, Index height, Index width) { new (self) Multigrid(height, width); },
             "height"_a, "width"_a)
         .def("sizes", &Multigrid::sizes)
         .def(
@@ -164,8 +161,8 @@ using Weights = std::array<float, 3>;
 
 Taps taps(const Weights &weights) { return {weights[0], weights[1], weights[2]}; }
 
-Refinement refinement(float smoothness, bool five_tap, Index warps, Index sweeps, int median, float outlier, float relax,
-                      float quarter_square, bool exposure) {
+Refinement refinement(float smoothness, bool five_tap, Index warps, Index sweeps, int median, float outlier,
+                      float relax, float quarter_square, bool exposure) {
     expect(warps >= 1, "expected warps >= 1, got " + std::to_string(warps));
     expect(sweeps >= 1, "expected sweeps >= 1, got " + std::to_string(sweeps));
     expect(median == 1 || median == 3 || median == 5, "expected median 1, 3 or 5, got " + std::to_string(median));

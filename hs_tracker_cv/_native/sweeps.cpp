@@ -114,7 +114,8 @@ double scale_by(const Plane &first, const Plane &second, float lambda, const Slo
     return total;
 }
 
-double scale(const Plane &first, const Plane &second, bool five_tap, float lambda, const Slopes &g, const Plane *share) {
+double scale(const Plane &first, const Plane &second, bool five_tap, float lambda, const Slopes &g,
+             const Plane *share) {
     fill_ring(first, 1.0f);
     fill_ring(second, 1.0f);
     return (five_tap ? scale_by<true> : scale_by<false>)(first, second, lambda, g, share);
@@ -156,12 +157,20 @@ inline Pass pass_from(Index start, Index width, const Pair &flow, const Pair &ou
             sums->v[x] = in_v[x - 1] + in_v[x + 1];
         }
     }
-    return {row(u, -1) + start,    row(u, 0) + start,   row(u, 1) + start,
-            row(v, -1) + start,    row(v, 0) + start,   row(v, 1) + start,
-            besides,               besides + 1,
-            row(g.x, 0) + start,   row(g.y, 0) + start, row(g.t, 0) + start,
+    return {row(u, -1) + start,
+            row(u, 0) + start,
+            row(u, 1) + start,
+            row(v, -1) + start,
+            row(v, 0) + start,
+            row(v, 1) + start,
+            besides,
+            besides + 1,
+            row(g.x, 0) + start,
+            row(g.y, 0) + start,
+            row(g.t, 0) + start,
             share ? row(*share, 0) + start : nullptr,
-            row(out.u, 0) + start, row(out.v, 0) + start};
+            row(out.u, 0) + start,
+            row(out.v, 0) + start};
 }
 
 inline void next_row(Pass &pass, Index stride) {

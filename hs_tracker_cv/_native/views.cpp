@@ -34,7 +34,7 @@ std::string type_name(const char *format, Py_ssize_t item_size) {
     }
     const char *kind = nullptr;
     if (*code && !code[1]) {
-        kind = std::strchr("efdg", *code)        ? "float"
+        kind = std::strchr("efdg", *code)     ? "float"
                : std::strchr("bhilqn", *code) ? "int"
                : std::strchr("BHILQN", *code) ? "uint"
                : *code == '?'                 ? "bool"
@@ -45,8 +45,8 @@ std::string type_name(const char *format, Py_ssize_t item_size) {
 }
 
 Buffer::Buffer(nb::handle object, const char *name, const char *type, int dimensions, bool writable) : name_(name) {
-    const std::string expected =
-        std::string("expected ") + name + " to be an array of " + type + " with " + std::to_string(dimensions) + " dimensions";
+    const std::string expected = std::string("expected ") + name + " to be an array of " + type + " with " +
+                                 std::to_string(dimensions) + " dimensions";
     if (PyObject_GetBuffer(object.ptr(), &view_, PyBUF_STRIDES | PyBUF_FORMAT)) {
         PyErr_Clear();
         throw nb::type_error((expected + ", got " + nb::type_name(object.type()).c_str()).c_str());

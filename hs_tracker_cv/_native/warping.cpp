@@ -170,7 +170,8 @@ void warp(const Plane &frame, const Pair &flow, const Plane &warped, const Plane
     for (Index start = 0; start < frame.width; start += TILE) {
         const Index width = tile_width(frame, start);
         for (Index y = 0; y < frame.height; ++y) {
-            find_places(frame, row(flow.u, y) + start, row(flow.v, y) + start, start, y, width, at, row(mask, y) + start);
+            find_places(frame, row(flow.u, y) + start, row(flow.v, y) + start, start, y, width, at,
+                        row(mask, y) + start);
             interpolate(frame, at, width, row(warped, y) + start);
         }
     }
@@ -245,14 +246,15 @@ void linearise_by(const Plane &first, const Plane &warped, const Plane &mask, co
                   float outlier, const Exposure &exposure, const Slopes &g) {
     const Index width = whole_blocks(first.width);
     for (Index y = 0; y < first.height; ++y) {
-        const LinearisedRow here = {row(mask, y), row(flow.u, y), row(flow.v, y), row(g.x, y), row(g.y, y), row(g.t, y)};
+        const LinearisedRow here = {row(mask, y), row(flow.u, y), row(flow.v, y),
+                                    row(g.x, y),  row(g.y, y),    row(g.t, y)};
         linearise_row<FiveTap>(rows_round(first, y), rows_round(warped, y), here, width, lambda * lambda, outlier,
                                exposure);
     }
 }
 
-void linearise(const Plane &first, const Plane &warped, const Plane &mask, const Pair &flow, bool five_tap, float lambda,
-               float outlier, const Exposure &exposure, const Slopes &g) {
+void linearise(const Plane &first, const Plane &warped, const Plane &mask, const Pair &flow, bool five_tap,
+               float lambda, float outlier, const Exposure &exposure, const Slopes &g) {
     fill_ring(first, 1.0f);
     fill_ring(warped, 1.0f);
     (five_tap ? linearise_by<true> : linearise_by<false>)(first, warped, mask, flow, lambda, outlier, exposure, g);
@@ -339,8 +341,8 @@ inline void pick_medians(const SortedColumns<3> &columns, Index width, float *HS
 // Ranks sorted among the columns leave 13 values that may be the median of 25; of all others that many values are
 // known to be no smaller, or no larger. What the exchanges bring to the seventh place is the median: Batcher's, less
 // those that the order which the 13 have already makes superfluous. A test goes through all orders.
-inline float median_of_candidates(float r21, float r04, float r03, float r31, float r12, float r40, float r30, float r22,
-                                  float r13, float r23, float r41, float r14, float r32) {
+inline float median_of_candidates(float r21, float r04, float r03, float r31, float r12, float r40, float r30,
+                                  float r22, float r13, float r23, float r41, float r14, float r32) {
     order(r31, r14);
     order(r21, r12);
     order(r04, r40);
