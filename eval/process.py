@@ -27,6 +27,7 @@ import numpy as np
 import psutil
 
 from .sandbox import available, device_paths, make_ruleset, readable_paths, visible_paths
+from .supervisor import SCRATCH
 from .wire import GarbledError, read_message, write_message
 from .worker import Arrays
 
@@ -144,7 +145,7 @@ class Child:
         self._ending = threading.Lock()
         self._known: dict[int, psutil.Process] = {}
         self._worker = 0
-        self._scratch = tempfile.mkdtemp(prefix="hs_eval-")
+        self._scratch = tempfile.mkdtemp(prefix=SCRATCH)
         self._printed = tempfile.TemporaryFile()
         try:
             # Whoever can draw a suite knows its truth.

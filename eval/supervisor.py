@@ -17,7 +17,10 @@ import threading
 import time
 from pathlib import Path
 
-__all__ = ["main"]
+__all__ = ["SCRATCH", "main"]
+
+SCRATCH = "hs_eval-"
+"""What the names of working folders begin with."""
 
 _SET_CHILD_SUBREAPER = 36
 _AGAIN_SECONDS = 0.01
@@ -104,6 +107,12 @@ def _children() -> list[int]:
 
 
 def _leave(status: int) -> None:
+    import shutil
+
+    # The working folder was made for the worker, by this name; a runner that is gone cannot remove it.
+    folder = Path.cwd()
+    if folder.name.startswith(SCRATCH):
+        shutil.rmtree(folder, ignore_errors=True)
     if os.WIFSIGNALED(status):
         import resource
 

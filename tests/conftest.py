@@ -13,7 +13,8 @@ from hypothesis import settings
 from numpy.typing import NDArray
 
 # The same examples in every run, so that a change is what makes a test fail; benchmarks.fuzz looks for new ones.
-settings.register_profile("seeded", derandomize=True)
+# No deadline: on a busy machine it would be a timed test.
+settings.register_profile("seeded", derandomize=True, deadline=None)
 if "HS_FUZZ" not in os.environ:
     settings.load_profile("seeded")
 

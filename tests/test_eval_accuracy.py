@@ -715,7 +715,9 @@ def test_an_interrupted_run_goes_on(
     flag.touch()
     command = [sys.executable, "-m", "eval", "run", "--dataset", f"otb:{tmp_path / 'data'}", "--out", str(tmp_path)]
     command += ["--trackers", "bad_trackers:Fine", "bad_trackers:Patient"]
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "HANG_WHILE": str(flag)}
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "HANG_WHILE": str(flag), "TMPDIR": str(scratch)}
     # A shell's background job ignores Ctrl-C and would hand that down to the command.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
@@ -730,6 +732,7 @@ def test_an_interrupted_run_goes_on(
         process.send_signal(number)
         _, message = process.communicate(timeout=60.0)
         assert all(gone(worker.pid) for worker in workers)
+        assert not list(scratch.glob("hs_eval-*"))
     finally:
         process.kill()
     assert process.returncode == code
