@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from . import legacy
+    from .automatic import AutomaticTracker
     from .detection import MotionDetector
     from .flow import HornSchunck
     from .frames import InputError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "AutomaticTracker": "automatic",
     "Box": "geometry",
     "HornSchunck": "flow",
     "InputError": "frames",
@@ -36,6 +38,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "AutomaticTracker",
     "Box",
     "HornSchunck",
     "InputError",

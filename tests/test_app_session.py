@@ -23,8 +23,8 @@ from hs_tracker_cv.app.rivals import rivals
 from hs_tracker_cv.app.session import Session
 from hs_tracker_cv.app.sources import CAMERA, DEMO, Sources
 from hs_tracker_cv.app.store import FrameStore
-from hs_tracker_cv.detection import FirstMover
 from hs_tracker_cv.geometry import Box, iou
+from hs_tracker_cv.movers import MoverFinder
 from hs_tracker_cv.stages import StageParams
 from hs_tracker_cv.video import VideoError, VideoSink, VideoSource, open_source
 from tests.conftest import moving_square
@@ -304,13 +304,13 @@ def test_parameters_act_on_the_whole_track(session: Session, square: tuple[Path,
 
 def test_the_first_mover_is_followed(session: Session, square: tuple[Path, list[Box]]) -> None:
     """Without a box, as hs-track does without --roi."""
-    assert session.follow_first_mover(FirstMover())
+    assert session.follow_first_mover(MoverFinder())
     (track,) = session.tracks
     assert iou(track.roi, square[1][track.start]) > 0.5
     session.go_to(0)
     session.forget()
     session.go_to(COUNT - 1)
-    assert not session.follow_first_mover(FirstMover())
+    assert not session.follow_first_mover(MoverFinder())
 
 
 def test_regions_are_proposed(session: Session, square: tuple[Path, list[Box]]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv.detection import DetectorParams, FirstMover, MotionDetector
+from hs_tracker_cv.detection import DetectorParams, MotionDetector
 from hs_tracker_cv.frames import InputError
 from hs_tracker_cv.geometry import Box, box_from_mask, iou
 
@@ -171,38 +171,6 @@ def test_params_outside_their_range_are_refused(field: str, value: float) -> Non
     """The error names the parameter and the value."""
     with pytest.raises(ValueError, match=rf"expected {field} .*got {value!r}"):
         DetectorParams(**{field: value})  # type: ignore[arg-type]
-
-
-def test_first_mover_waits_until_it_is_sure() -> None:
-    """The region comes with the third pair of frames in a row that shows it, in the last frame's coordinates."""
-    frames, boxes = _scene(count=6)
-    mover = FirstMover()
-    found = [mover.update(frame) for frame in [frames[0]] * 4 + frames[1:4]]
-    assert [region is not None for region in found] == [False] * 6 + [True]
-    assert found[-1] is not None
-    assert iou(found[-1].box, boxes[3]) > 0.8
-    assert mover.fields is not None
-    assert mover.fields.mask.any()
-
-
-def test_first_mover_of_a_still_scene_is_none() -> None:
-    """A still scene never gives a region."""
-    frame = _scene()[0][0]
-    mover = FirstMover()
-    assert [mover.update(frame) for _ in range(3)] == [None, None, None]
-
-
-def test_first_mover_waits_for_an_object_that_enters() -> None:
-    """An object cut by the border is not taken until it is inside."""
-    frames, boxes = _scene(start=(0, 80), step=(3, 0), count=14)
-    mover = FirstMover()
-    index, region = next(
-        (index, region)
-        for index, frame in enumerate(frames)
-        if (region := mover.update(frame[:, 12:])) is not None  # the crop cuts the object in the first four
-    )
-    assert region.box.x > 0
-    assert iou(region.box, boxes[index].moved(-12, 0)) > 0.8
 
 
 @pytest.mark.real

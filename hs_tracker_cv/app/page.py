@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from nicegui import background_tasks, events, run, ui
 
-from ..detection import FirstMover
 from ..frames import InputError
 from ..geometry import Box
+from ..movers import MoverFinder
 from ..video import VideoError
 from .controls import Controls
 from .panels import PanelGrid
@@ -360,10 +360,10 @@ class Page:
         if not self.session.opened:
             return
         self._play(False)
-        found, mover = False, FirstMover()
+        found, finder = False, MoverFinder()
         while not found and not self.left:
             before = self.session.index
-            found = bool(await self.do(self.session.follow_first_mover, mover, SLICE))
+            found = bool(await self.do(self.session.follow_first_mover, finder, SLICE))
             shown = await run.io_bound(self._render)
             if shown is not None:
                 self._show(shown)

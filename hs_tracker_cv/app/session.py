@@ -14,9 +14,10 @@ from typing import Any, ParamSpec, TypeVar
 
 import cv2
 
-from ..detection import FirstMover, MotionDetector, Region
+from ..detection import MotionDetector, Region
 from ..frames import InputError, as_frame, as_roi
 from ..geometry import Box
+from ..movers import MoverFinder
 from ..params import TrackerHS_Params
 from ..stages import PaperMethod, StageParams, Stages
 from ..video import VideoError
@@ -283,12 +284,12 @@ class Session:
             self.go_to(start)
 
     @_alone
-    def follow_first_mover(self, mover: FirstMover, seconds: float = math.inf) -> bool:
+    def follow_first_mover(self, finder: MoverFinder, seconds: float = math.inf) -> bool:
         """Go on until an object moves, and follow that; what was followed is forgotten.
 
         Parameters
         ----------
-        mover : FirstMover
+        finder : MoverFinder
             A fresh one, and the same again when the time has passed.
         seconds : float
             Stop on the way after so long.
@@ -306,9 +307,9 @@ class Session:
         end = time.monotonic() + seconds
         self.tracks, self._objects = [], {}
         while True:
-            region = mover.update(self.frame)
-            if region is not None:
-                self.start(region.box)
+            mover = next((mover for mover in finder.update(self.frame) if mover.whole), None)
+            if mover is not None:
+                self.start(mover.box)
                 return True
             before = self.index
             self.go_to(before + 1)

@@ -1,4 +1,4 @@
-"""Follow one object through a source and write what is asked for."""
+"""Follow an object, or all that move, through a source and write what is asked for."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ __all__ = ["FAILURE", "complain", "end_of_pipe", "follow"]
 
 FAILURE = 1
 
+WAITING = "waiting for something that moves"
+
 _MOSTLY = 0.5
 """Share of a box inside the frame below which it is probably no x,y,w,h."""
 
@@ -36,12 +38,14 @@ class _Tally:
     searching: int = 0
     followed: int = 0
     lost: int = 0
+    objects: set[int] = field(default_factory=set)
     seconds: list[float] = field(default_factory=list)
 
     def add(self, step: Step) -> None:
         self.searching += step.state == "searching"
         self.followed += step.box is not None
         self.lost += step.box is None and step.state != "searching"
+        self.objects.update(each.identity for each in step.objects)
         if step.seconds:
             self.seconds.append(step.seconds)
 
@@ -127,14 +131,21 @@ def _take_steps(
 ) -> None:
     show = options.panels and options.stages is None
     followed = steps(
-        source.frames, roi, show=show, max_frames=options.max_frames, first=source.start, stride=source.step
+        source.frames,
+        roi,
+        every=options.all,
+        show=show,
+        max_frames=options.max_frames,
+        first=source.start,
+        stride=source.step,
     )
     with _progress() as progress:
         task = progress.add_task(source.name, total=_total(source, options))
         for step in followed:
             outputs.write(step)
             tally.add(step)
-            progress.update(task, advance=1, description=f"{source.name}  {step.state}")
+            doing = WAITING if step.state == "searching" else step.state
+            progress.update(task, advance=1, description=f"{source.name}  {doing}")
             if pending.code is not None:
                 return
 
@@ -165,6 +176,8 @@ def _progress() -> Progress:
 def _summarise(name: str, tally: _Tally, outputs: Outputs, code: int, options: Options) -> None:
     frames = tally.searching + tally.followed + tally.lost
     parts = [f"{frames} frames", f"object in {tally.followed}"]
+    if options.all:
+        parts.append(f"{len(tally.objects)} objects")
     if tally.searching:
         parts.append(f"none yet in {tally.searching}")
     if tally.lost:

@@ -32,7 +32,7 @@ class UsageError(ValueError):
 class Options:
     """Follow one object through a video, a stream, a camera or a folder of images.
 
-    Without --roi and --select the first object that moves is followed.
+    Without --roi and --select the first object that moves is followed, and the next one when that has left.
 
     Other commands: `hs-track warmup` compiles the kernels in advance, `hs-track app` opens the live page,
     `hs-track --version` names the versions. Exit code: 0; 1 for input or output that fails, 2 for a command that
@@ -46,6 +46,8 @@ class Options:
         The object in the first frame, in px: x,y,w,h.
     select
         Open a local page and drag the box on the first frame.
+    all
+        Follow everything that moves; the table of boxes has a row per object, with its id.
     start
         Begin with this frame; the first of the video is 0.
     step
@@ -58,7 +60,7 @@ class Options:
         Overlay video: .webm (plays in a browser), .mkv or .avi (lossless); no .mp4, for which OpenCV's wheels lack an
         encoder. Default: NAME.hs.webm.
     csv
-        Boxes: frame,x,y,w,h,ok,score,state. Default: NAME.hs.csv.
+        Boxes: frame,x,y,w,h,ok,score,state; with --all frame,id,x,… Default: NAME.hs.csv.
     json
         Boxes also as JSON, one line per frame, on standard output; what is said at the end goes to standard error.
     panels
@@ -75,6 +77,7 @@ class Options:
     video: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")]
     roi: Annotated[str | None, tyro.conf.arg(metavar="X,Y,W,H")] = None
     select: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    all: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     start: Annotated[int, tyro.conf.arg(metavar="N")] = 0
     step: Annotated[int, tyro.conf.arg(metavar="N")] = 1
     max_frames: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
@@ -101,6 +104,8 @@ def check(options: Options) -> None:
     """Refuse what cannot be meant; raises UsageError."""
     if options.roi is not None and options.select:
         raise UsageError("--roi and --select exclude each other")
+    if options.all and (options.roi is not None or options.select):
+        raise UsageError("--all follows whatever moves: it takes neither --roi nor --select")
     for name, least in (("start", 0), ("step", 1), ("max_frames", 1)):
         value = getattr(options, name)
         if value is not None and value < least:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, TextIO, cast
 
-from ..display import draw_box
+from ..display import STATE_COLOURS, draw_box, draw_boxes
 from ..following import Step, write_header, write_row
 from ..video import IMAGE_SUFFIXES, VideoError, VideoSink, VideoSource
 from .options import Options, UsageError
@@ -42,7 +42,7 @@ class Outputs:
         panels = video.with_name(f"{video.stem}.panels{video.suffix}")
         _check(options.video, [video, table, panels] if options.panels else [video, table])
         self._overlay = VideoSink(video, source.fps)
-        self._table = _Table(table)
+        self._table = _Table(table, options.all)
         self._panels = VideoSink(panels, source.fps) if options.panels else None
         self._drawn = Panels(options.stages)
         self._json = options.json
@@ -75,8 +75,8 @@ class Outputs:
         """
         self._table.write(step)
         if self._json:
-            _print_line(json.dumps(_plain(step)))
-        self._send(self._overlay, draw_box(step.frame, step.box, **labels(step)))
+            _print_line(json.dumps(_plain_all(step) if self._table.every else _plain(step)))
+        self._send(self._overlay, _drawn_all(step) if self._table.every else _drawn(step))
         if self._panels is not None:
             self._send(self._panels, self._drawn.draw(step))
 
@@ -105,8 +105,9 @@ class Outputs:
 class _Table:
     """The CSV, in which every row is whole: what of a row is on a full disk is taken back."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, every: bool) -> None:
         self.path = path
+        self.every = every
         self.count = 0
         self._file: BinaryIO | None = None
 
@@ -117,7 +118,7 @@ class _Table:
         except OSError as error:
             raise VideoError(f"{self.path}: cannot be written ({error.strerror})") from error
         try:
-            write_header(cast(TextIO, _Whole(self._file, self.path)))
+            write_header(cast(TextIO, _Whole(self._file, self.path)), every=self.every)
         except VideoError:
             self._file.close()
             raise
@@ -125,7 +126,7 @@ class _Table:
     def write(self, step: Step) -> None:
         """Append a row; raises VideoError."""
         assert self._file is not None
-        write_row(cast(TextIO, _Whole(self._file, self.path)), step)
+        write_row(cast(TextIO, _Whole(self._file, self.path)), step, every=self.every)
         self.count += 1
 
     def close(self) -> None:
@@ -165,6 +166,31 @@ def _print_line(line: str) -> None:
         raise
     except OSError as error:
         raise VideoError(f"standard output: cannot be written ({error.strerror})") from error
+
+
+def _drawn(step: Step) -> Any:
+    return draw_box(step.frame, step.box, **labels(step))
+
+
+def _drawn_all(step: Step) -> Any:
+    """The frame with every object that is located, each by its id."""
+    colour = STATE_COLOURS["tracking"]
+    located = [(each.box, colour, f"{each.identity}  {each.score:.2f}") for each in step.objects if each.ok]
+    return draw_boxes(step.frame, located, notes=[(labels(step)["note"], colour)])
+
+
+def _plain_all(step: Step) -> dict[str, Any]:
+    objects = [
+        {
+            "id": each.identity,
+            "box": [round(side, 2) for side in each.box] if each.ok else None,
+            "ok": each.ok,
+            "score": round(each.score, 3),
+            "state": each.state,
+        }
+        for each in step.objects
+    ]
+    return {"frame": step.index, "objects": objects}
 
 
 def _plain(step: Step) -> dict[str, Any]:
