@@ -164,7 +164,8 @@ def look(scene: Scene, frame: Frame) -> Sighting | None:
     if float(np.sqrt(colours * scene.target.colours).sum()) < least + more * min(share, 1.0):
         return None
     i, j, w, h = cv2.boundingRect(alike[window])
-    return Sighting(Box((left + i) * step, (top + j) * step, w * step, h * step), min(share, 1.0))
+    sides = (float(side * step) for side in (left + i, top + j, w, h))
+    return Sighting(Box(*sides), min(share, 1.0))
 
 
 def foreign(scene: Scene, frame: Frame, box: Box) -> bool:

@@ -49,7 +49,7 @@ PROPAGATION = PropagationParams()
 SURE = 0.8
 """Score from which the carried box may take over from a segmentation that is doubted, and its size is compared."""
 
-ASK_EVERY = 5
+ASK_EVERY = 8
 """Frames between two questions to a carried box that rides on a segment: where would it be on its own?"""
 
 LEAST = 0.25
