@@ -18,10 +18,13 @@ from typing import Annotated
 from .geometry import Box, iou
 from .validation import Count, Within
 
-__all__ = ["WITNESS_FRAMES", "Choice", "agreement", "judge", "size_difference"]
+__all__ = ["LEAST", "WITNESS_FRAMES", "Choice", "agreement", "judge", "size_difference"]
 
 WITNESS_FRAMES = 20
 """Frames after the start in which the size of the carried box can be relied on."""
+
+LEAST = 0.25
+"""Chance of being right below which nothing is believed."""
 
 _LIMIT = -2.25
 _SIZE_WEIGHT = 4.0
@@ -29,7 +32,6 @@ _FLOOR = 0.01
 _RATE = 0.05
 _LEAVE, _RETURN = 0.0, -0.8  # doubt
 _FIRST_SWITCH = 6
-_HARDLY = 0.25
 _APART, _RATHER, _LIKELY = 0.5, 0.6, 0.7  # agreement; chances of the carried box: contradicting, and taking over
 
 
@@ -84,7 +86,7 @@ class Choice:
 
     def outweighed(self, belief: float) -> bool:
         """A segment hardly to be believed stands against a carried box that is rather right than not."""
-        return self.trusted and belief < _HARDLY and self.chance > _RATHER
+        return self.trusted and belief < LEAST and self.chance > _RATHER
 
     @property
     def carried_away(self) -> Choice:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import layers, propagation, sighting
-from .choice import WITNESS_FRAMES, Choice, agreement, judge, size_difference
+from .choice import LEAST, WITNESS_FRAMES, Choice, agreement, judge, size_difference
 from .flow import derivatives, normal_flow
 from .frames import (
     Frame,
@@ -51,9 +51,6 @@ SURE = 0.8
 
 ASK_EVERY = 8
 """Frames between two questions to a carried box that rides on a segment: where would it be on its own?"""
-
-LEAST = 0.25
-"""Chance of being right below which the answer is False."""
 
 WATCH_EVERY = 2
 """Frames between two looks at the background of an object whose segmentation is not trusted."""

@@ -14,9 +14,9 @@ from . import background as ground
 from . import kernels
 from .kernels import FAR_OFF, foresee, measure, residual, start_flow
 from .state import Atlas, Image, LayersParams, LayersState, Plane
-from .window import View, translated
+from .window import View, differences, outside, translated
 
-__all__ = ["Grid", "Moves", "displace", "find", "follow", "inverse_matrix", "where_to"]
+__all__ = ["REST", "Grid", "Moves", "displace", "find", "follow", "inverse_matrix", "where_to"]
 
 _LOCAL = threading.local()
 _NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
@@ -26,7 +26,7 @@ _STEPS = 3  # most of Gauss–Newton, of object and camera
 _YOUNG = 10  # frames in which what moves with the object is still being found out
 _FLOOR = 0.01  # weight of a pixel of the box that has not changed yet
 _CHANGE, _SURE_CHANGE = 3.0, 9.0  # mean square over 3 × 3 pixels, in units of noise²: least change, and what is added
-_REST = 0.12  # px per frame: a camera that moves less stands still
+REST = 0.12  # px per frame: a camera that moves less stands still
 _CAMERA_STEPS = 3
 
 
@@ -97,23 +97,15 @@ def _changed(state: LayersState, view: View, camera: tuple[float, float]) -> NDA
     offset = state.atlas.offset[0] + camera[0], state.atlas.offset[1] + camera[1]
     ground, previous = translated(state.atlas.image, *offset), translated(state.previous, *camera)
     # lights that change for all of the window are no motion
-    outside = _outside(state)
-    first = view.image - ground * _gains(view.image, ground, outside)
-    last = view.image - previous * _gains(view.image, previous, outside)
+    beside = outside(state)
+    first = view.image - ground * _gains(view.image, ground, beside)
+    last = view.image - previous * _gains(view.image, previous, beside)
     square = np.maximum((first * first).mean(axis=2), (last * last).mean(axis=2))
     square = cv2.blur(square, (3, 3))
     noise = state.noise**2
     return np.asarray(
         255 * np.clip(_FLOOR + (square - _CHANGE * noise) / (_SURE_CHANGE * noise), _FLOOR, 1.0), np.uint8
     )
-
-
-def _outside(state: LayersState) -> NDArray[np.bool_]:
-    """Pixels of the window well outside the last box."""
-    x0, y0 = (int(state.box[i] - state.origin[i]) for i in (0, 1))
-    outside = np.ones(state.odds.shape, bool)
-    outside[max(y0 - 2, 0) : int(y0 + state.box[3]) + 3, max(x0 - 2, 0) : int(x0 + state.box[2]) + 3] = False
-    return outside
 
 
 def _gains(image: Image, reference: Image, where: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -129,11 +121,11 @@ def _first_camera(state: LayersState, view: View, params: LayersParams) -> tuple
     start = np.empty((*view.gray.shape, 2), np.float32)
     start[:] = state.camera
     flow = _dense_flow(view, start, state, params)
-    outside = _outside(state)
-    if not outside.any():
+    beside = outside(state)
+    if not beside.any():
         return state.camera
-    u, v = (float(np.median(flow[:, :, i][outside])) for i in (0, 1))
-    return (0.0, 0.0) if math.hypot(u, v) < _REST else (u, v)
+    u, v = (float(np.median(flow[:, :, i][beside])) for i in (0, 1))
+    return (0.0, 0.0) if math.hypot(u, v) < REST else (u, v)
 
 
 def follow(state: LayersState, view: View, odds: Plane, velocity: tuple[float, float], params: LayersParams) -> Moves:
@@ -283,7 +275,6 @@ def _penalised(cost: _Cost, distance: _Cost, grid: Grid) -> _Cost:
 def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
     """Translation of the object layer with the least masked squared difference, near ones preferred."""
     reduce = 2 if 2 * grid.scale >= 24 else 1
-    channels = image.shape[2]
     obj, mask = state.obj, weight
     if reduce == 2:
         size = (image.shape[1] // 2, image.shape[0] // 2)
@@ -296,11 +287,7 @@ def _search(state: LayersState, image: Image, weight: Plane, grid: Grid) -> tupl
     if w < 2 or h < 2:
         return state.velocity
     template = np.ascontiguousarray(obj[y : y + h, x : x + w])
-    masks = np.repeat(mask8[y : y + h, x : x + w, np.newaxis].astype(np.float32), channels, axis=2).reshape(
-        template.shape
-    )
-    squares = cv2.matchTemplate(image, template, cv2.TM_SQDIFF, mask=masks)
-    cost: Plane = np.sqrt(np.maximum(squares, 0) / max(float(masks.sum()), 1.0))
+    cost = differences(image, template, mask8[y : y + h, x : x + w])
     sx = reduce * (np.arange(cost.shape[1]) - x) - state.velocity[0]
     sy = reduce * (np.arange(cost.shape[0]) - y) - state.velocity[1]
     distance = np.asarray(sx[np.newaxis, :] ** 2 + sy[:, np.newaxis] ** 2, np.float32)

@@ -8,21 +8,20 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ..frames import Frame
 from ..geometry import Box
 from . import background as ground
 from .kernels import FAR_OFF, KNOWN
+from .motion import REST
 from .state import Atlas, Image, LayersParams, LayersState, Occlusion, Plane
-from .window import grab, place_window, shifted, transformed
+from .window import differences, grab, place_window, shifted, transformed
 
 __all__ = ["relocate"]
 
 _LEAST_REACH = 24.0  # lattice px, to each side
 _MOST_REACH = 160.0
 _COARSE = 24  # lattice px: a template that is larger is searched for at half the resolution
-_STILL = 0.12  # lattice px per frame: a camera that moves less keeps its background memory
 _LEVEL, _FACTOR = 6.0, 2.0  # gray levels: the residual believed is at most `level` + `factor` × that of tracking
 _RIVAL = 1.15  # the best other place has at least so many times the residual
 
@@ -90,7 +89,7 @@ def _search(state: LayersState, seen: _Appearance, frame: Frame, gap: int) -> tu
     image, _ = grab(frame, (left, top), size, state.step, state.light)
     template, mask = seen.obj[y : y + h, x : x + w], mask[y : y + h, x : x + w]
     step = 2 if min(w, h) >= _COARSE else 1
-    cost = _differences(image[::step, ::step], template[::step, ::step], mask[::step, ::step])
+    cost = differences(image[::step, ::step], template[::step, ::step], mask[::step, ::step])
     row, column = divmod(int(np.argmin(cost)), cost.shape[1])
     best = cost[row, column]
     # beside the best place there must be no other one as good
@@ -102,21 +101,12 @@ def _search(state: LayersState, seen: _Appearance, frame: Frame, gap: int) -> tu
     row, column = step * row, step * column
     y0, x0 = max(row - step, 0), max(column - step, 0)
     part = image[y0 : row + step + h, x0 : column + step + w]
-    fine = _differences(part, template, mask)
+    fine = differences(part, template, mask)
     dy, dx = divmod(int(np.argmin(fine)), fine.shape[1])
     row, column = y0 + dy, x0 + dx
     there = np.abs(image[row : row + h, column : column + w] - template).mean(axis=2)
     shift = left + column - state.origin[0] - x, top + row - state.origin[1] - y
     return shift, float(np.minimum(there, FAR_OFF)[mask != 0].mean())
-
-
-def _differences(image: Image, template: Image, mask: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Root mean square difference of a template from each place of an image."""
-    masks = np.repeat(mask[:, :, np.newaxis].astype(np.float32), 3, axis=2)
-    squares = cv2.matchTemplate(
-        np.ascontiguousarray(image), np.ascontiguousarray(template), cv2.TM_SQDIFF, mask=masks
-    )
-    return np.asarray(np.sqrt(np.maximum(squares, 0.0) / max(float(masks.sum()), 1.0)), np.float32)
 
 
 def _moved(
@@ -133,7 +123,7 @@ def _moved(
         shifted(plane, dx - shift[0], dy - shift[1], size, fill)
         for plane, fill in zip(seen, (-3.0, 0.0, 0.0), strict=True)
     )
-    if math.hypot(*state.camera) < _STILL:
+    if math.hypot(*state.camera) < REST:  # its background memory is kept
         atlas = ground.move(state.atlas, dx, dy, image, odds)
     else:
         counts = np.zeros((3, *size), np.float32)

@@ -16,9 +16,11 @@ from .state import EVEN_LIGHT, Image, LayersState, Light, Plane
 __all__ = [
     "Picture",
     "View",
+    "differences",
     "grab",
     "lattice_step",
     "look",
+    "outside",
     "place_window",
     "shifted",
     "shifted_mask",
@@ -69,17 +71,22 @@ _UNLIT, _SATURATED = 20.0, 250.0  # gray levels: what is darker or brighter tell
 _SAME_LIGHT = 0.004
 
 
+def outside(state: LayersState) -> NDArray[np.bool_]:
+    """Pixels of the window well outside the last box."""
+    x0, y0 = (int(state.box[i] - state.origin[i]) for i in (0, 1))
+    beside = np.ones(state.odds.shape, bool)
+    beside[max(y0 - 2, 0) : int(y0 + state.box[3]) + 3, max(x0 - 2, 0) : int(x0 + state.box[2]) + 3] = False
+    return beside
+
+
 def _relit(image: Image, gray: Plane, state: LayersState) -> tuple[Image, Plane, tuple[float, float, float]]:
     """Window in the light of the first frame, and how much brighter than there each channel is now.
 
     The median over the pixels round the object of how much brighter each has become: what moves there does not
     change it.
     """
-    y0, x0 = (int(state.box[i] - state.origin[i]) for i in (1, 0))
-    outside = np.ones(gray.shape, bool)
-    outside[max(y0 - 2, 0) : int(y0 + state.box[3]) + 3, max(x0 - 2, 0) : int(x0 + state.box[2]) + 3] = False
-    outside = outside[::_EVERY, ::_EVERY]
-    now, before = image[::_EVERY, ::_EVERY][outside], state.previous[::_EVERY, ::_EVERY][outside]
+    beside = outside(state)[::_EVERY, ::_EVERY]
+    now, before = image[::_EVERY, ::_EVERY][beside], state.previous[::_EVERY, ::_EVERY][beside]
     told = (before.min(axis=1) > _UNLIT) & (now.max(axis=1) < _SATURATED) & (now.min(axis=1) > 4.0)
     if np.count_nonzero(told) < 60:
         return image, gray, state.light
@@ -217,6 +224,15 @@ def _cubic(t: float) -> NDArray[np.float64]:
     s = 1.0 - t
     weights = ((-0.5 * s + 1.0) * s - 0.5) * s, ((1.5 * s - 2.5) * s) * s + 1.0, ((-1.5 * s + 2.0) * s + 0.5) * s
     return np.array((*weights, (0.5 * s - 0.5) * s * s))
+
+
+def differences(image: Image, template: Image, mask: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Root mean square difference of a template from each place of an image."""
+    masks = np.repeat(mask[:, :, np.newaxis].astype(np.float32), 3, axis=2)
+    squares = cv2.matchTemplate(
+        np.ascontiguousarray(image), np.ascontiguousarray(template), cv2.TM_SQDIFF, mask=masks
+    )
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0) / max(float(masks.sum()), 1.0)), np.float32)
 
 
 def shifted(array: NDArray[np.float32], dx: int, dy: int, size: tuple[int, int], fill: float) -> NDArray[np.float32]:
