@@ -1,12 +1,13 @@
-"""Which of the two modes to follow: segmentation by motion, or the box carried by flow.
+"""Which of the two modes to follow: segmentation by motion, or the box carried by flow; and how far to believe it.
 
-Two measurements, one sum. Segmentation is worth following while its background memory explains the pixels outside
-its mask; and while the segment has the size of what the user drew. The carried box is the witness of the latter, but
-only while it is young: in its first frames it cannot have drifted from what was drawn, later it may, and its size
-says nothing any more. So the second measurement is taken in the first frames and kept.
+Segmentation is doubted by two measurements, in one sum: what its background memory leaves unexplained outside its
+mask, and how far the segment's size is from what the user drew. The carried box is the witness of the latter, but
+only while it is young: in its first frames it cannot have drifted, later it may. So that is measured in the first
+frames and kept.
 
-The other witnesses that were measured (agreement of the boxes' places, the carried box's own scores, mean difference
-from the background, flow that strays from the camera's) separate the laboratory from the street less well.
+The carried box is also asked where it would be on its own. Where it is rather right than not and elsewhere, it is
+followed, and so it is where segmentation is doubted and it is likely right. What it says and the doubt make the chance
+that a segment is right, which is the score.
 """
 
 from __future__ import annotations
