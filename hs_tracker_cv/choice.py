@@ -6,8 +6,8 @@ only while it is young: in its first frames it cannot have drifted, later it may
 frames and kept.
 
 The carried box is also asked where it would be on its own. Where it is rather right than not and elsewhere, it is
-followed, and so it is where segmentation is doubted and it is likely right. What it says and the doubt make the chance
-that a segment is right, which is the score.
+followed, and so it is where segmentation is doubted and it is likely right. What it says and the doubt make the
+chance that a segment is right, which is the score.
 """
 
 from __future__ import annotations
