@@ -60,9 +60,16 @@ def make_unwritable(tmp_path, environment):
     environment["HOME"] = str(tmp_path / "home")
 
 
+# An editable install of scikit-build-core finds its package before PYTHONPATH does; here the copy is meant.
+FROM_PATH = """
+import sys
+sys.meta_path[:] = [finder for finder in sys.meta_path if not type(finder).__module__.startswith("_editable_skbc")]
+"""
+
+
 def run(code, environment, *options):
     """Standard output and error of the code in a process of its own, which must succeed."""
-    command = [sys.executable, *options, "-W", "error", "-c", code]
+    command = [sys.executable, *options, "-W", "error", "-c", FROM_PATH + code]
     answer = subprocess.run(command, env=environment, cwd=environment["PYTHONPATH"], capture_output=True, text=True)
     assert answer.returncode == 0, answer.stderr
     return answer.stdout, answer.stderr
