@@ -14,7 +14,7 @@ from .datasets import load_dataset
 from .options import Dataset, Datasets, Jobs, Only, Out, Paths, Suite, SuiteName, Suites, Trackers, listed
 from .process import Limits
 from .progress import Steps, make_console
-from .report import write_report
+from .report import write_figures, write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
 from .sequences import Sequence, canonical_suite, load_suite, suite_folder
 from .speed import BLOCK, TIMED_UPDATES, measure_speed
@@ -141,6 +141,7 @@ def report(
         folder = Folder(path)
         summary = summarise_folder(folder, chosen=chosen, trackers=None if trackers is None else list(trackers))
         write_tables(summary, path / "tables")
+        write_figures(summary, path / "plots")
         write_report(summary, folder, path / "report.html", videos=videos)
         if len(summary.themes):
             for table, title in _details(summary):
@@ -202,7 +203,7 @@ def ablate(
         write_tables(summary, folder.path / "tables")
         summaries[folder.path.name.removeprefix("ablation-")] = summary
     table = ablation.ablation_table(summaries)
-    write_table(table, "ablation", out / "ablation")
+    write_table(table, "ablation", out / "ablation", caption="What each part is worth: change of the mean IoU.")
     write_numbers(ablation.ablation_changes(summaries), "ablation", out / "ablation")
     _console.print(console_table(table, f"ablation on {', '.join(summary.source for summary in summaries.values())}"))
     for summary in summaries.values():

@@ -1,10 +1,11 @@
-"""Figures of the results, as SVG text. Each function makes a figure of its own and touches no global state."""
+"""Figures of the results, and their SVG and PDF. Each function makes a figure of its own, with no global state."""
 
 from __future__ import annotations
 
 import io
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -15,9 +16,19 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from .metrics import PRECISION_THRESHOLDS, SUCCESS_THRESHOLDS
+from .results import ResultsError
 from .statistics import calibration_error, median_known
 
-__all__ = ["before_loss_plot", "calibration_plot", "colour_of", "precision_plot", "speed_plot", "success_plot"]
+__all__ = [
+    "as_svg",
+    "before_loss_plot",
+    "calibration_plot",
+    "colour_of",
+    "precision_plot",
+    "speed_plot",
+    "success_plot",
+    "write_figure",
+]
 
 FloatArray = NDArray[np.float64]
 Curves = Mapping[str, tuple[FloatArray, FloatArray]]
@@ -26,7 +37,13 @@ Curves = Mapping[str, tuple[FloatArray, FloatArray]]
 _CHOSEN = "#d55e00"
 _OTHERS = ("#0072b2", "#009e73", "#e69f00", "#56b4e9", "#cc79a7", "#000000", "#8c8c8c")
 _DASHES: tuple[str, ...] = ("-", "--", ":")
-_SETTINGS: Any = {"svg.fonttype": "none", "font.family": "sans-serif", "font.size": 9.0, "svg.hashsalt": "eval"}
+_SETTINGS: Any = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 9.0,
+    "svg.hashsalt": "eval",
+    "pdf.fonttype": 42,
+}
 
 
 def colour_of(tracker: str, trackers: list[str], chosen: str) -> str:
@@ -55,14 +72,36 @@ def _new(width: float, height: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _svg(figure: Figure) -> str:
+def as_svg(figure: Figure | None) -> str:
+    """SVG to stand inside HTML, where it has no XML head; empty for no figure."""
+    if figure is None:
+        return ""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    # An SVG inside HTML has no XML head.
+    with matplotlib.rc_context(_SETTINGS):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
     return re.sub(r"^.*?(?=<svg)", "", buffer.getvalue(), flags=re.DOTALL)
 
 
-def success_plot(curves: Curves, scores: Mapping[str, float], chosen: str) -> str:
+def write_figure(figure: Figure, name: str, folder: Path) -> list[Path]:
+    """Write a figure as SVG and PDF into a folder; returns the files.
+
+    Raises
+    ------
+    ResultsError
+        If they cannot be written.
+    """
+    paths = [folder / f"{name}.{kind}" for kind in ("svg", "pdf")]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with matplotlib.rc_context(_SETTINGS):
+            figure.savefig(paths[0], metadata={"Date": None})
+            figure.savefig(paths[1], metadata={"CreationDate": None})
+    except OSError as error:
+        raise ResultsError(f"cannot write figures in {folder}: {error.strerror or error}") from error
+    return paths
+
+
+def success_plot(curves: Curves, scores: Mapping[str, float], chosen: str) -> Figure:
     """Share of frames over the IoU threshold; the legend gives the area, best first."""
     with matplotlib.rc_context(_SETTINGS):
         figure, axes = _new(6.8, 4.2)
@@ -71,10 +110,10 @@ def success_plot(curves: Curves, scores: Mapping[str, float], chosen: str) -> st
             axes.plot(SUCCESS_THRESHOLDS, curves[name][0], label=f"{name} {scores[name]:.3f}", **style)
         axes.set(xlabel="IoU threshold", ylabel="share of frames with IoU ≥ threshold", xlim=(0, 1), ylim=(0, 1.01))
         figure.legend(title="AUC", fontsize=8, loc="outside right upper")
-        return _svg(figure)
+        return figure
 
 
-def precision_plot(curves: Curves, chosen: str) -> str:
+def precision_plot(curves: Curves, chosen: str) -> Figure:
     """Share of frames over the distance of the centres; the legend gives it at 20 px, best first."""
     with matplotlib.rc_context(_SETTINGS):
         figure, axes = _new(6.8, 4.2)
@@ -85,15 +124,15 @@ def precision_plot(curves: Curves, chosen: str) -> str:
         axes.axvline(20.0, color="#999999", linewidth=0.8)
         axes.set(xlabel="distance of the centres, px", ylabel="share of frames", xlim=(0, 50), ylim=(0, 1.01))
         figure.legend(title="at 20 px", fontsize=8, loc="outside right upper")
-        return _svg(figure)
+        return figure
 
 
-def speed_plot(table: pd.DataFrame, chosen: str) -> str:
-    """Mean IoU over frames per second; `table` is the overall table. Empty when speed was not measured."""
+def speed_plot(table: pd.DataFrame, chosen: str) -> Figure | None:
+    """Mean IoU over frames per second; `table` is the overall table. None when speed was not measured."""
     # What does nothing has no speed to speak of, and would take half of the axis.
     known = table[table["fps"] < 1e5].dropna(subset=["fps", "mean_iou"])
     if known.empty:
-        return ""
+        return None
     with matplotlib.rc_context(_SETTINGS):
         figure, axes = _new(5.4, 4.2)
         names = list(table["tracker"])
@@ -109,17 +148,17 @@ def speed_plot(table: pd.DataFrame, chosen: str) -> str:
             taken.append((fps, score))
         axes.margins(x=0.22)
         axes.set(xlabel="frames per second (one thread)", ylabel="mean IoU", ylim=(0, 1.02))
-        return _svg(figure)
+        return figure
 
 
-def calibration_plot(tables: Mapping[str, pd.DataFrame], chosen: str) -> str:
+def calibration_plot(tables: Mapping[str, pd.DataFrame], chosen: str) -> Figure | None:
     """Share of frames really located over the tracker's own score; a calibrated one lies on the diagonal.
 
     The legend gives the expected calibration error. Each point is a tenth of the score: its area says how many frames
     have it, its bar how well the share is known, with sequences that are independent and frames that are not.
     """
     if not tables:
-        return ""
+        return None
     with matplotlib.rc_context(_SETTINGS):
         figure, axes = _new(5.4, 4.2)
         axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8)
@@ -136,7 +175,7 @@ def calibration_plot(tables: Mapping[str, pd.DataFrame], chosen: str) -> str:
             xlabel="getTrackingScore()", ylabel="share located (IoU ≥ 0.5)", xlim=(-0.06, 1.06), ylim=(-0.06, 1.06)
         )
         axes.legend(fontsize=8, loc="upper left")
-        return _svg(figure)
+        return figure
 
 
 def _number(axes: Axes, score: FloatArray, located: FloatArray, frames: FloatArray) -> None:
@@ -146,10 +185,10 @@ def _number(axes: Axes, score: FloatArray, located: FloatArray, frames: FloatArr
         axes.annotate(f"{int(count)}", (x, y), offset, textcoords="offset points", fontsize=8, ha="center", zorder=4)
 
 
-def before_loss_plot(scores: Mapping[str, FloatArray], chosen: str, *, before: int = 20) -> str:
+def before_loss_plot(scores: Mapping[str, FloatArray], chosen: str, *, before: int = 20) -> Figure | None:
     """Score in the frames round a loss: the median, and of the chosen tracker each loss as a thin line."""
     if not scores:
-        return ""
+        return None
     with matplotlib.rc_context(_SETTINGS):
         figure, axes = _new(5.4, 4.2)
         for name, rows in scores.items():
@@ -161,4 +200,4 @@ def before_loss_plot(scores: Mapping[str, FloatArray], chosen: str, *, before: i
         axes.axvline(0.0, color="#999999", linewidth=0.8)
         axes.set(xlabel="frames from the loss (IoU < 0.1, or out of sight)", ylabel="score", ylim=(-0.02, 1.02))
         axes.legend(fontsize=8, loc="lower left")
-        return _svg(figure)
+        return figure

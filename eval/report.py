@@ -11,12 +11,22 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from . import metrics
 from .framesource import FrameSourceError
 from .metrics import METRICS
 from .overlay import contact_sheet, encode_jpeg, write_video
-from .plots import before_loss_plot, calibration_plot, colour_of, precision_plot, speed_plot, success_plot
+from .plots import (
+    as_svg,
+    before_loss_plot,
+    calibration_plot,
+    colour_of,
+    precision_plot,
+    speed_plot,
+    success_plot,
+    write_figure,
+)
 from .results import Folder, ResultsError, Run, SpeedRun
 from .sequences import Sequence
 from .statistics import LOW_QUANTILE, SURE, calibration, curves, score_before_loss
@@ -32,7 +42,7 @@ from .tables import (
     worst_table,
 )
 
-__all__ = ["write_report"]
+__all__ = ["write_figures", "write_report"]
 
 _TEMPLATE = "report.html.j2"
 
@@ -76,10 +86,7 @@ def write_report(summary: Summary, folder: Folder, path: Path, *, videos: int = 
 
 
 def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object]:
-    chosen = summary.chosen
     origin, provenance = _provenance(summary)
-    tracker_curves = curves(summary.scored)
-    areas = dict(zip(summary.overall["tracker"], summary.overall["auc"], strict=True))
     return {
         "summary": summary,
         "sentence": _sentence(summary),
@@ -94,15 +101,8 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "turns": _turns(folder.read_speeds()),
         "wall": f"{(summary.speed['wall'] / summary.speed['median']).median():.2f}",
         "failures": failure_table(summary),
-        "plots": [
-            ("Success", success_plot(tracker_curves, areas, chosen)),
-            ("Precision", precision_plot(tracker_curves, chosen)),
-            ("Accuracy and speed", speed_plot(summary.overall, chosen)),
-        ],
-        "score_plots": [
-            ("Reliability of the score", calibration_plot(calibration(summary.scored), chosen)),
-            ("The score round a loss", before_loss_plot(score_before_loss(summary.scored), chosen)),
-        ],
+        "plots": [(title, as_svg(figure)) for _, title, figure in _curves(summary)],
+        "score_plots": [(title, as_svg(figure)) for _, title, figure in _score_figures(summary)],
         "pictures": _pictures(summary, videos),
         "origin": origin,
         "provenance": provenance,
@@ -111,6 +111,39 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "low_quantile": f"{100 * LOW_QUANTILE:g}",
         "sure": f"{SURE:g}",
     }
+
+
+def _curves(summary: Summary) -> list[tuple[str, str, Figure | None]]:
+    """Figures of accuracy and speed: name of the file, title, figure."""
+    found, chosen = curves(summary.scored), summary.chosen
+    areas = dict(zip(summary.overall["tracker"], summary.overall["auc"], strict=True))
+    return [
+        ("success", "Success", success_plot(found, areas, chosen)),
+        ("precision", "Precision", precision_plot(found, chosen)),
+        ("speed", "Accuracy and speed", speed_plot(summary.overall, chosen)),
+    ]
+
+
+def _score_figures(summary: Summary) -> list[tuple[str, str, Figure | None]]:
+    """Figures about the trackers' own scores, as :func:`_curves` gives them."""
+    reliable = calibration_plot(calibration(summary.scored), summary.chosen)
+    losses = before_loss_plot(score_before_loss(summary.scored), summary.chosen)
+    return [
+        ("reliability", "Reliability of the score", reliable),
+        ("loss", "The score round a loss", losses),
+    ]
+
+
+def write_figures(summary: Summary, folder: Path) -> list[Path]:
+    """Write every figure of the report as SVG and PDF into a folder; returns the files.
+
+    Raises
+    ------
+    ResultsError
+        If they cannot be written.
+    """
+    figures = [*_curves(summary), *_score_figures(summary)]
+    return [path for name, _, figure in figures if figure is not None for path in write_figure(figure, name, folder)]
 
 
 def _turns(runs: list[SpeedRun]) -> str:

@@ -12,6 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from .intervals import median_interval
+from .latex import Rivals, latex_table
 from .metrics import METRICS
 from .results import Folder, ResultsError, SpeedRun
 from .sequences import Sequence
@@ -262,7 +263,10 @@ def difference_table(summary: Summary) -> pd.DataFrame:
     texts = {
         f"{summary.chosen} minus": table["other"],
         "mean IoU": [f"{value:+.3f}" for value in table["difference"]],
-        "95 %": [f"{a:+.3f} to {b:+.3f}" for a, b in zip(table["low"], table["high"], strict=True)],
+        "95 %": [
+            f"{a:+.3f} to {b:+.3f}" if np.isfinite(a) else "–"
+            for a, b in zip(table["low"], table["high"], strict=True)
+        ],
         "won": table["won"].astype(str),
         "even": table["even"].astype(str),
         "lost": table["lost"].astype(str),
@@ -321,15 +325,21 @@ def write_tables(summary: Summary, folder: Path) -> list[Path]:
         "worst": summary.worst,
         "speed": summary.speed,
     }
-    shown = {
-        "overall": overall_table(summary),
-        "sequences": sequence_table(summary),
-        "attributes": attribute_table(summary),
+    shown: dict[str, tuple[pd.DataFrame, str, Rivals]] = {
+        "overall": (overall_table(summary), f"Trackers on {summary.source}.", "rows"),
+        "sequences": (sequence_table(summary), f"Mean IoU per sequence of {summary.source}.", "columns"),
+        "attributes": (attribute_table(summary), f"Mean IoU per attribute of {summary.source}.", "columns"),
+        "differences": (difference_table(summary), f"{summary.chosen} against each other tracker.", ""),
     }
     if len(summary.themes):
-        shown |= {"themes": theme_table(summary), "worst": worst_table(summary)}
+        shown |= {
+            "themes": (theme_table(summary), f"Mean IoU per theme of {summary.source}.", "columns"),
+            "worst": (worst_table(summary), f"The worst draws of {summary.chosen}.", ""),
+        }
     files = [write_numbers(table, name, folder) for name, table in full.items()]
-    return files + [file for name, table in shown.items() for file in write_table(table, name, folder)]
+    for name, (table, caption, rivals) in shown.items():
+        files += write_table(table, name, folder, caption=caption, rivals=rivals)
+    return files
 
 
 def write_numbers(table: pd.DataFrame, name: str, folder: Path) -> Path:
@@ -343,8 +353,18 @@ def write_numbers(table: pd.DataFrame, name: str, folder: Path) -> Path:
     return _write(folder / f"{name}.csv", table.to_csv(index=False))
 
 
-def write_table(table: pd.DataFrame, name: str, folder: Path) -> list[Path]:
+def write_table(table: pd.DataFrame, name: str, folder: Path, *, caption: str, rivals: Rivals = "") -> list[Path]:
     """Write a table of texts as Markdown and LaTeX into a folder; returns the files.
+
+    Parameters
+    ----------
+    table : DataFrame
+    name : str
+    folder : Path
+    caption : str
+        Of the LaTeX table.
+    rivals : {"rows", "columns", ""}, optional
+        What is compared, so that the best is bold in LaTeX: rows (trackers) in each column, columns in each row.
 
     Raises
     ------
@@ -352,7 +372,8 @@ def write_table(table: pd.DataFrame, name: str, folder: Path) -> list[Path]:
         If they cannot be written.
     """
     markdown = table.to_markdown(index=False, disable_numparse=True) + "\n"
-    return [_write(folder / f"{name}.md", markdown), _write(folder / f"{name}.tex", _latex(table))]
+    text = latex_table(table, caption=caption, label=f"tab:{name}", rivals=rivals)
+    return [_write(folder / f"{name}.md", markdown), _write(folder / f"{name}.tex", text)]
 
 
 def _write(path: Path, text: str) -> Path:
@@ -362,25 +383,3 @@ def _write(path: Path, text: str) -> Path:
     except OSError as error:
         raise ResultsError(f"cannot write {path}: {error.strerror or error}") from error
     return path
-
-
-def _latex(table: pd.DataFrame) -> str:
-    """A booktabs tabular. Written out here, since the texts hold signs that LaTeX reads as commands."""
-    signs = {
-        "%": r"\%",
-        "_": r"\_",
-        "&": r"\&",
-        "#": r"\#",
-        "±": r"$\pm$",
-        "×": r"$\times$",
-        "–": "--",
-        "≥": r"$\geq$",
-        ">": "$>$",
-    }
-    escape = str.maketrans(signs)
-    lines = [
-        " & ".join(str(cell).translate(escape) for cell in row) + r" \\" for row in [table.columns, *table.values]
-    ]
-    head, body = lines[0], "\n".join(lines[1:])
-    columns = "l" + "r" * (len(table.columns) - 1)
-    return f"\\begin{{tabular}}{{{columns}}}\n\\toprule\n{head}\n\\midrule\n{body}\n\\bottomrule\n\\end{{tabular}}\n"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -14,9 +16,10 @@ import pytest
 
 from eval.__main__ import COMMANDS, main
 from eval.framesource import FrameSource
-from eval.plots import before_loss_plot
+from eval.latex import latex_table
+from eval.plots import as_svg, before_loss_plot
 from eval.regression import compare, update
-from eval.report import write_report
+from eval.report import write_figures, write_report
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Trajectory
 from eval.sequences import Sequence
 from eval.statistics import (
@@ -223,8 +226,49 @@ def test_tables_are_written_in_three_formats(summary: Summary, tmp_path: Path) -
     assert paths["overall.md"].read_text().count("\n") == 5
     assert "| Near " in paths["overall.md"].read_text()
     latex = paths["sequences.tex"].read_text()
-    assert r"two\_b & 1.000 & 0.667 & 0.333 \\" in latex
+    assert r"two\_b & \textbf{1.000} & 0.667 & 0.333 \\" in latex
     assert latex.count(r"\\") == 3
+    assert r"\caption{Mean IoU per sequence of suite:tiny.}" in latex
+    assert not any(re.search(r"\bnan\b", path.read_text()) for path in paths.values())
+
+
+def test_the_best_of_each_column_is_bold() -> None:
+    """Highest or lowest, as the column is to be read; equals both, test doubles and counts never."""
+    cells = [["Oracle", "9", "1.000", "0.000"], ["A", "9", "0.500", "0.200"], ["B", "3", "0.500", "0.100"]]
+    table = pd.DataFrame(cells, columns=["tracker", "n", "mean IoU", "false True"])
+    lines = [line for line in latex_table(table, caption="c", label="l", rivals="rows").split("\n") if " & " in line]
+    assert lines[1:] == [
+        r"Oracle & 9 & 1.000 & 0.000 \\",
+        r"A & 9 & \textbf{0.500} & 0.200 \\",
+        r"B & 3 & \textbf{0.500} & \textbf{0.100} \\",
+    ]
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="needs a LaTeX")
+def test_latex_compiles_without_overfull_boxes(summary: Summary, tmp_path: Path) -> None:
+    """The tables of a report, and a long, wide one of every sign, long words and paragraphs."""
+    files = [path for path in write_tables(summary, tmp_path) if path.suffix == ".tex"]
+    hard = pd.DataFrame({f"column {number} ±10 %": ["0.123–0.456"] * 90 for number in range(30)})
+    hard.insert(0, "name", [r"a_b&c#d$e{f}g\h~i^j<k>l≥m≤n×o−p→q¹" for _ in range(90)])
+    hard["drawn"] = "speckle 1.5, an_unbroken_word_of_some_length 3, ground clouds, " * 4
+    (tmp_path / "hard.tex").write_text(latex_table(hard, caption="50 % of a_b", label="hard"), encoding="utf-8")
+    inputs = "\n".join(rf"\input{{{path.name}}}" for path in (*files, tmp_path / "hard.tex"))
+    packages = r"\usepackage{array, booktabs, graphicx}"
+    text = rf"\documentclass{{article}}{packages}\begin{{document}}{inputs}\end{{document}}"
+    (tmp_path / "all.tex").write_text(text, encoding="utf-8")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, errors="replace")
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert "Overfull" not in done.stdout
+
+
+def test_figures_are_written_as_svg_and_pdf(summary: Summary, tmp_path: Path) -> None:
+    """Both formats of each figure that the results allow."""
+    paths = write_figures(summary, tmp_path / "plots")
+    names = {"success", "precision", "speed", "reliability", "loss"}
+    assert {path.name for path in paths} == {f"{name}.{kind}" for name in names for kind in ("svg", "pdf")}
+    assert all(path.read_bytes().startswith(b"%PDF") for path in paths if path.suffix == ".pdf")
+    assert all("<svg" in path.read_text(encoding="utf-8") for path in paths if path.suffix == ".svg")
 
 
 class _Page(HTMLParser):
@@ -291,9 +335,9 @@ def test_the_score_round_a_loss_has_a_row_per_sequence(tmp_path: Path) -> None:
     expected = np.append(np.linspace(1.0, 0.0, COUNT)[13:20], [np.nan] * 2)
     np.testing.assert_allclose(rounds, [expected, expected / 2])
     np.testing.assert_allclose(median_known(rounds)[:3], 0.75 * expected[:3])
-    svg = before_loss_plot({"A": rounds}, "A", before=5)
+    svg = as_svg(before_loss_plot({"A": rounds}, "A", before=5))
     assert "A, 2 losses" in svg
-    assert svg != before_loss_plot({"A": rounds[:1]}, "A", before=5)
+    assert svg != as_svg(before_loss_plot({"A": rounds[:1]}, "A", before=5))
 
 
 def test_the_report_does_without_frames_speed_and_scores(folder: Folder, tmp_path: Path) -> None:

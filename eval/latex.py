@@ -1,0 +1,150 @@
+"""Tables for a paper: LaTeX that compiles with three packages, fits the line and has the best in bold."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import pandas as pd
+
+from .metrics import METRICS
+
+__all__ = ["Rivals", "latex_table"]
+
+Rivals = Literal["rows", "columns", ""]
+
+_ROWS = 40
+"""Most rows of one table: what is longer goes on in the next one."""
+
+_LONG_TEXT = 44  # characters from which on a cell is a paragraph
+_UNRATED = {"n", "sequences", "frames", "won", "even", "lost"}
+_LOWER = {metric.title for metric in METRICS.values() if metric.better == "lower"} | {
+    "p95 ms", "failed", "ECE", "sure, wrong", "failures", "failures / 100", "frames dropped",
+}  # fmt: skip
+_TEST_DOUBLE = "Oracle"  # it is no rival
+
+_SIGNS = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "{": r"\{",
+        "}": r"\}",
+        "$": r"\$",
+        "%": r"\%",
+        "_": r"\_",
+        "&": r"\&",
+        "#": r"\#",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "±": r"$\pm$",
+        "×": r"$\times$",
+        "–": "--",
+        "−": "$-$",
+        "≥": r"$\geq$",
+        "≤": r"$\leq$",
+        ">": "$>$",
+        "<": "$<$",
+        "→": r"$\rightarrow$",
+        "¹": r"\textsuperscript{1}",
+    }
+)
+
+_HEAD = r"""% \usepackage{array, booktabs, graphicx}
+"""
+# Wider than the line: made smaller. Narrower: left as it is.
+_TABLE = r"""\begin{table}[htbp]
+\centering
+\caption{%(caption)s}
+\label{%(label)s}
+\sbox0{\begin{tabular}{@{}%(columns)s@{}}
+\toprule
+%(head)s \\
+\midrule
+%(body)s
+\bottomrule
+\end{tabular}}
+\ifdim\wd0>\linewidth\resizebox{\linewidth}{!}{\usebox0}\else\usebox0\fi
+\end{table}
+"""
+
+
+def latex_table(table: pd.DataFrame, *, caption: str, label: str, rivals: Rivals = "") -> str:
+    """Write a table of texts as floats of LaTeX, one for every forty rows.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of texts; the first column names the rows.
+    caption, label : str
+    rivals : {"rows", "columns", ""}, optional
+        Whose best is bold: the rows' in each column, the columns' in each row, or nobody's.
+
+    Returns
+    -------
+    str
+        Needs the packages array, booktabs and graphicx, as its first line says.
+    """
+    best = _best(table, rivals)
+    wide = [any(len(str(cell)) > _LONG_TEXT for cell in table.iloc[:, column]) for column in range(table.shape[1])]
+    first = "l" if not (wide and wide[0]) else _paragraph(0.4)
+    columns = first + "".join(_paragraph(0.6) if long else "r" for long in wide[1:])
+    rows = [
+        " & ".join(_cell(str(cell), (row, column) in best) for column, cell in enumerate(cells)) + r" \\"
+        for row, cells in enumerate(table.itertuples(index=False))
+    ]
+    parts = [rows[start : start + _ROWS] for start in range(0, max(len(rows), 1), _ROWS)]
+    texts = []
+    for number, part in enumerate(parts):
+        more = " (continued)" if number else ""
+        values = {
+            "caption": caption.translate(_SIGNS) + more,
+            "label": label + (f"-{number + 1}" if number else ""),
+            "columns": columns,
+            "head": " & ".join(str(name).translate(_SIGNS) for name in table.columns),
+            "body": "\n".join(part),
+        }
+        texts.append(_TABLE % values)
+    return _HEAD + "\n".join(texts)
+
+
+def _paragraph(share: float) -> str:
+    return rf">{{\raggedright\arraybackslash}}p{{{share}\linewidth}}"
+
+
+def _cell(text: str, best: bool) -> str:
+    text = text.translate(_SIGNS)
+    return rf"\textbf{{{text}}}" if best else text
+
+
+def _best(table: pd.DataFrame, rivals: Rivals) -> set[tuple[int, int]]:
+    """Row and column of each best cell; equal texts are equally good."""
+    columns = range(1, table.shape[1])
+    if rivals == "rows":
+        names = table.iloc[:, 0].astype(str).tolist()
+        rated = [row for row, name in enumerate(names) if name != _TEST_DOUBLE]
+        lines = [
+            ([(row, column) for row in rated], str(table.columns[column]) in _LOWER)
+            for column in columns
+            if str(table.columns[column]) not in _UNRATED
+        ]
+    elif rivals == "columns":
+        known = {*_UNRATED, *_LOWER, _TEST_DOUBLE, "least IoU"}
+        rated = [column for column in columns if str(table.columns[column]) not in known]
+        lines = [([(row, column) for column in rated], False) for row in range(len(table))]
+    else:
+        return set()
+    found: set[tuple[int, int]] = set()
+    for cells, lower in lines:
+        values = {cell: _number(str(table.iat[cell])) for cell in cells}
+        known_values = [value for value in values.values() if not math.isnan(value)]
+        if len(known_values) > 1:
+            top = min(known_values) if lower else max(known_values)
+            found |= {cell for cell, value in values.items() if value == top}
+    return found
+
+
+def _number(text: str) -> float:
+    """NaN for what is no single number: names, intervals, dashes."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
