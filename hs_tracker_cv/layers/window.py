@@ -34,7 +34,7 @@ _TAPS = cv2.getGaussianKernel(2 * _RING + 1, 0.7).astype(np.float32).ravel()[_RI
 _SIZES = 4  # windows are so many px high and wide, times a whole number: flow is planned once per size
 
 
-_BGR_TO_GRAY = np.array((0.114, 0.587, 0.299), np.float32)
+_BLUE, _GREEN, _RED = np.array((0.114, 0.587, 0.299), np.float32)
 
 _FAINTEST, _BRIGHTEST = 0.02, 50.0  # light that is believed
 
@@ -138,7 +138,9 @@ def _divided(picture: Picture, light: Light) -> Picture:
     if light == EVEN_LIGHT:
         return picture
     image = np.minimum(picture.image * (np.float32(1.0) / np.array(light, np.float32)), np.float32(255.0))
-    return Picture(image, image @ _BGR_TO_GRAY)
+    # Not by a matrix product: its last bits depend on the build of BLAS.
+    gray: Plane = image[:, :, 0] * _BLUE + image[:, :, 1] * _GREEN + image[:, :, 2] * _RED
+    return Picture(image, gray)
 
 
 def _inside_rectangle(frame: Frame, origin: tuple[int, int], size: tuple[int, int], step: int) -> NDArray[np.int64]:
