@@ -9,6 +9,8 @@ OPENCV5 := opencv-contrib-python-headless~=5.0
 # Python 3.13 on that is NumPy 2, which OpenCV 4.8 cannot work with.
 OLDEST := "opencv-contrib-python-headless==4.8.*" \
 	"numpy==1.24.*; python_version < '3.12'" "numpy==1.26.*; python_version >= '3.12'"
+# What scores trackers of several objects. It asks for opencv-python, which would overwrite the OpenCV that is there.
+TRACKEVAL := "trackeval>=1.3,<2"
 # Where the extension is built, and with what: a machine without a compiler gets Clang as the wheel `ziglang` of PyPI.
 BUILD := build/$(notdir $(VENV))
 COMPILER := $(shell for name in "$$CXX" c++ g++ clang++; do command -v "$$name" && break; done)
@@ -74,5 +76,6 @@ define setup
 $(PYTHON) -m venv $(1)
 $(1)/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 $(1)/bin/python -m pip install --quiet --editable . --group dev $(2)
+$(1)/bin/python -m pip install --quiet --no-deps $(TRACKEVAL)
 touch $@
 endef

@@ -13,6 +13,7 @@ from .spec import Blank, Deform, Effect, Shadow, Texture
 
 __all__ = [
     "APART", "CONCAVE", "CONVEX", "ROUND", "Colour", "Dice", "Draft", "Span", "colour_apart", "new_skin", "ordinary",
+    "texture_of_ground",
 ]  # fmt: skip
 
 Colour = tuple[float, float, float]
@@ -186,7 +187,8 @@ class Draft:
             self.size = (round(self.size[0] * 0.9, 2), round(self.size[1] * 0.9, 2))
 
 
-def _texture_of_ground(dice: Dice) -> Texture:
+def texture_of_ground(dice: Dice) -> Texture:
+    """Ground of a plausible colour."""
     kind = dice.pick(tuple(_GROUNDS))
     b, g, r = (value + float(dice.whole(-20, 21)) for value in _GROUNDS[kind])
     return Texture(kind, dice.uniform(0.6, 1.0), (b, g, r), seed=dice.seed())
@@ -203,7 +205,7 @@ def new_skin(dice: Dice, ground: Texture, distance: Span = APART) -> Texture:
 def ordinary(dice: Dice) -> Draft:
     """One thing of middling size that goes somewhere at middling speed."""
     width, height = _SIZES[dice.whole(0, len(_SIZES))]
-    ground = _texture_of_ground(dice)
+    ground = texture_of_ground(dice)
     draft = Draft(dice, (width, height), dice.whole(60, 101), ground, new_skin(dice, ground))
     draft.shape = dice.pick(CONVEX if dice.chance(0.6) else CONCAVE)
     side = dice.scaled(28, 84) * draft.unit

@@ -21,7 +21,7 @@ from .sequence import Sequence
 from .spec import Actor, SequenceSpec, Texture
 from .textures import paint, resample, sample
 
-__all__ = ["Truth", "coverage", "frames", "render", "truth"]
+__all__ = ["Truth", "coverage", "frames", "objects", "render", "truth"]
 
 Image = NDArray[np.float32]
 Frame = NDArray[np.uint8] | NDArray[np.uint16]
@@ -111,11 +111,12 @@ class _Canvas:
 
 
 class _Painter:
-    """Draws the moments of one sequence."""
+    """Draws the moments of one sequence; truth is that of the actor `followed`, the target by default."""
 
-    def __init__(self, spec: SequenceSpec) -> None:
+    def __init__(self, spec: SequenceSpec, followed: int | None = None) -> None:
         self.spec = spec
         self.stage: Stage = stage_of(spec)
+        self.followed = self.stage.target_index if followed is None else followed
         self.width, self.height = spec.size
 
     @cached_property
@@ -169,7 +170,7 @@ class _Painter:
         for k in present:
             for label, pose in zip(self.stage.labels_of(k), poses[k], strict=True):
                 self._draw(canvas, k, pose, label, t)
-            if k == self.stage.target_index:
+            if k == self.followed:
                 canvas.unhidden = float(canvas.target.sum(dtype=np.float64))
         return canvas
 
@@ -215,7 +216,7 @@ class _Painter:
             view[inside] = view[inside] * (1 - weight) + colour * weight
         canvas.labels[window][alpha >= 0.5] = label
         canvas.target[window] *= 1 - alpha
-        if index == self.stage.target_index:
+        if index == self.followed:
             canvas.target[window] += alpha
 
     def _colour(self, index: int, pose: PartPose, x: NDArray[np.float64], y: NDArray[np.float64], t: float) -> Image:
@@ -343,7 +344,7 @@ def _target_in(
     spec, stage = painter.spec, painter.stage
     if spec.blank(t):
         canvas.labels[:], canvas.target[:] = 0, 0
-    outlines = [pose.outline() for pose in stage.actor(stage.target_index, float(t))]
+    outlines = [pose.outline() for pose in stage.actor(painter.followed, float(t))]
     mask, box = canvas.target >= 0.5, _tight(outlines)
     share = _share(canvas, outlines, mask, spec.size)
     return box, _visible_box(mask, box, share), share, tuple(outlines)
@@ -361,8 +362,27 @@ def truth(spec: SequenceSpec) -> Truth:
     Truth
         The same numbers as :func:`render` gives.
     """
-    painter = _Painter(spec)
-    found = [_target_in(painter, painter.outlines(float(t), t), t)[:3] for t in range(spec.frames)]
+    return _truth(_Painter(spec))
+
+
+def objects(spec: SequenceSpec) -> tuple[Truth, ...]:
+    """Give the truth of all that moves by itself: of every actor whose path is not to stay where it is.
+
+    Parameters
+    ----------
+    spec : SequenceSpec
+
+    Returns
+    -------
+    tuple of Truth
+        The hindmost first. What hides behind another actor is as visible as it is to a camera.
+    """
+    actors = stage_of(spec).actors
+    return tuple(_truth(_Painter(spec, k)) for k, actor in enumerate(actors) if actor.motion.path.kind != "hold")
+
+
+def _truth(painter: _Painter) -> Truth:
+    found = [_target_in(painter, painter.outlines(float(t), t), t)[:3] for t in range(painter.spec.frames)]
     boxes, visible, shares = zip(*found, strict=True)
     return Truth(np.array(boxes), np.array(visible), np.array(shares))
 

@@ -3,7 +3,7 @@
 `smoke` is quick, `standard` is the public one, `vanish` has a target that goes out of sight, `compressed` is part of
 `standard` as JPEG, `deep` has frames of 16 bits: literal tables. `develop`, `heldout`, `vanish_develop` and
 `vanish_heldout` were drawn once, and are kept in `lists.json`. `drawn:N:SEED` is drawn anew, any number of sequences
-of any seed.
+of any seed, and so is `crowd:N:SEED`, in which three to eight things move.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import time
 from dataclasses import replace
 from pathlib import Path as FilePath
 
+from .crowd import crowd
 from .draw import draw, draw_mixed
 from .plain import from_plain
 from .spec import Actor, Camera, Deep, Deform, Effect, Motion, Path, Scene, SequenceSpec, Shadow, Texture
@@ -668,7 +669,7 @@ SUITES: dict[str, tuple[SequenceSpec, ...]] = {
     "deep": _DEEP,
 }
 
-_DRAWN = re.compile(r"drawn(?:/(?P<theme>\w+))?:(?P<count>\d+)(?::(?P<seed>\d+|clock))?")
+_DRAWN = re.compile(r"(?P<kind>crowd|drawn(?:/(?P<theme>\w+))?):(?P<count>\d+)(?::(?P<seed>\d+|clock))?")
 
 
 def canonical(name: str) -> str:
@@ -677,8 +678,8 @@ def canonical(name: str) -> str:
     Parameters
     ----------
     name : str
-        A name in ``SUITES``, or ``drawn:N:SEED`` or ``drawn/THEME:N:SEED`` for the first N sequences of a
-        distribution; without a seed, or with ``clock`` for it, the seed is the second of the clock.
+        A name in ``SUITES``, or ``drawn:N:SEED``, ``drawn/THEME:N:SEED`` or ``crowd:N:SEED`` for the first N
+        sequences of a distribution; without a seed, or with ``clock`` for it, the seed is the second of the clock.
 
     Returns
     -------
@@ -695,8 +696,8 @@ def canonical(name: str) -> str:
     found = _DRAWN.fullmatch(name)
     if found is None:
         raise ValueError(
-            f"unknown suite {name!r}; known: {', '.join(SUITES)}, drawn:N:SEED, drawn/THEME:N:SEED "
-            "(N sequences; SEED a whole number, or clock)"
+            f"unknown suite {name!r}; known: {', '.join(SUITES)}, drawn:N:SEED, drawn/THEME:N:SEED, "
+            "crowd:N:SEED (N sequences; SEED a whole number, or clock)"
         )
     theme, count, seed = found["theme"], int(found["count"]), found["seed"]
     if theme is not None and theme not in THEMES:
@@ -704,7 +705,7 @@ def canonical(name: str) -> str:
     if count < 1:
         raise ValueError(f"expected at least 1 sequence, got {name!r}")
     seed = str(int(time.time())) if seed in (None, "clock") else str(int(seed))
-    return f"drawn/{theme}:{count}:{seed}" if theme else f"drawn:{count}:{seed}"
+    return f"{found['kind']}:{count}:{seed}"
 
 
 def suite(name: str) -> tuple[SequenceSpec, ...]:
@@ -714,6 +715,8 @@ def suite(name: str) -> tuple[SequenceSpec, ...]:
         return SUITES[name]
     kind, count, seed = name.split(":")
     _, _, theme = kind.partition("/")
+    if kind == "crowd":
+        return tuple(crowd(int(seed), index) for index in range(int(count)))
     if theme:
         return tuple(draw(theme, int(seed), index) for index in range(int(count)))
     return tuple(draw_mixed(int(seed), index) for index in range(int(count)))

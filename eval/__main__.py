@@ -13,6 +13,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("eval.commands:run", "run trackers over a suite or data set"),
     "speed": ("eval.commands:speed", "time single updates, all trackers side by side"),
     "flow": ("eval.flow.command:main_flow", "compare dense flow methods on true flow"),
+    "mot": ("eval.mot.command:main_mot", "compare trackers of several objects, for where and for who"),
     "bench": ("eval.commands:bench", "run, speed and report on one suite with every tracker"),
     "ablate": ("eval.commands:ablate", "what each part of TrackerHS is worth"),
     "check": ("eval.commands:check", "compare with the committed reference figures"),

@@ -15,7 +15,7 @@ from .geometry import Box
 from .params import TrackerHS_Params
 from .tracker import TrackerHS
 
-__all__ = ["COLUMNS", "Step", "steps", "write_header", "write_row"]
+__all__ = ["COLUMNS", "Step", "steps", "write_header", "write_mot", "write_row"]
 
 COLUMNS = ("frame", "x", "y", "w", "h", "ok", "score", "state")
 COLUMNS_OF_ALL = ("frame", "id", *COLUMNS[1:])
@@ -165,6 +165,16 @@ def write_row(table: TextIO, step: Step, *, every: bool = False) -> None:
             _write(table, (step.index, each.identity), each.box if each.ok else None, each.score, each.state)
     else:
         _write(table, (step.index,), step.box, step.score, step.state)
+    table.flush()
+
+
+def write_mot(table: TextIO, step: Step) -> None:
+    """Write the located objects of one frame as MOTChallenge has them, which counts frames and pixels from 1."""
+    for each in step.objects:
+        if each.ok:
+            x, y, w, h = each.box
+            sides = (f"{value:.2f}" for value in (x + 1.0, y + 1.0, w, h))
+            csv.writer(table).writerow((step.index + 1, each.identity, *sides, f"{each.score:.3f}", -1, -1, -1))
     table.flush()
 
 

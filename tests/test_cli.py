@@ -583,3 +583,21 @@ def test_all_takes_no_box(here: Path, capsys: pytest.CaptureFixture[str], other:
     """What cannot be meant is refused in one line."""
     assert cli.main(["in.mkv", "--all", *other]) == 2
     assert "--all follows whatever moves" in capsys.readouterr().err
+
+
+def test_all_as_a_motchallenge_file(capsys: pytest.CaptureFixture[str], here: Path) -> None:
+    """Located objects, frames and pixels counted from 1; the same boxes as the table's."""
+    _write(here / "in.mkv", _square(30)[0])
+    assert cli.main(["in.mkv", "--all", "--mot", "in.txt", "--start", "2"]) == 0
+    assert "in.txt" in capsys.readouterr().out
+    found = [line.split(",") for line in (here / "in.txt").read_text().splitlines()]
+    table = [row for row in _rows(here / "in.hs.csv") if row["ok"] == "1"]
+    assert len(found) == len(table) > 10
+    for (frame, identity, left, top, *sides, score, x, y, z), row in zip(found, table, strict=True):
+        assert (int(frame) - 1, identity, score) == (int(row["frame"]), row["id"], row["score"])
+        assert (float(left) - 1, float(top) - 1) == pytest.approx((float(row["x"]), float(row["y"])), abs=1e-6)
+        assert (*sides, x, y, z) == (row["w"], row["h"], "-1", "-1", "-1")
+    assert cli.main(["in.mkv", "--mot", "in.txt"]) == 2
+    assert "it needs --all" in capsys.readouterr().err
+    assert cli.main(["in.mkv", "--all", "--mot", "in.mkv"]) == 2
+    assert cli.main(["in.mkv", "--all", "--mot", "in.hs.csv"]) == 2

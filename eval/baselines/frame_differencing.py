@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from .regions import BoxFollower, noise_threshold
 
-__all__ = ["FrameDifferencing"]
+__all__ = ["GAP", "FrameDifferencing", "aligned", "smooth_gray"]
 
-_GAP = 2  # frames between the three, so that slow objects move enough to show
+GAP = 2  # frames between the three, so that slow objects move enough to show
 _WIDTH = 160  # px: width at which the camera's shift is measured
 _IMPROVEMENT = 0.85  # of the median difference, under which a shift of the camera is believed
 
@@ -32,27 +32,28 @@ class FrameDifferencing:
         """Start from a box."""
         x, y, w, h = (float(value) for value in boundingBox)
         self._follower = BoxFollower(np.array([x + w / 2, y + h / 2]), np.array([w, h]))
-        self._past: deque[Gray] = deque([_smooth_gray(image)], maxlen=2 * _GAP)
+        self._past: deque[Gray] = deque([smooth_gray(image)], maxlen=2 * GAP)
 
     def update(self, image: NDArray[Any]) -> tuple[bool, tuple[float, float, float, float]]:
         """Follow the pixels that changed."""
-        gray = _smooth_gray(image)
-        earlier = [self._past[max(0, len(self._past) - _GAP)], self._past[0]]
-        differences = [np.abs(gray - _aligned(old, gray)) for old in earlier]
+        gray = smooth_gray(image)
+        earlier = [self._past[max(0, len(self._past) - GAP)], self._past[0]]
+        differences = [np.abs(gray - aligned(old, gray)) for old in earlier]
         changed = np.minimum(*differences)
-        lag = min(_GAP, len(self._past))
+        lag = min(GAP, len(self._past))
         self._past.append(gray)
         return self._follower.update((changed > noise_threshold(differences[0])).astype(np.uint8), lag=lag)
 
 
-def _smooth_gray(image: NDArray[Any]) -> Gray:
+def smooth_gray(image: NDArray[Any]) -> Gray:
+    """Gray levels, smoothed against noise."""
     gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 and image.shape[2] == 3 else image
     gray = gray[:, :, 0] if gray.ndim == 3 else gray
     return np.asarray(cv2.GaussianBlur(gray.astype(np.float32), (0, 0), 1.0), dtype=np.float32)
 
 
-def _aligned(old: Gray, new: Gray) -> Gray:
-    """`old` shifted as the camera has moved since.
+def aligned(old: Gray, new: Gray) -> Gray:
+    """Shift `old` as the camera has moved since.
 
     Phase correlation may find the object's motion instead: a shift must make most of the frame fit better.
     """

@@ -61,6 +61,9 @@ class Options:
         encoder. Default: NAME.hs.webm.
     csv
         Boxes: frame,x,y,w,h,ok,score,state; with --all frame,id,x,… Default: NAME.hs.csv.
+    mot
+        With --all: located objects as a MOTChallenge file too: frame,id,left,top,width,height,score,-1,-1,-1, frames
+        and pixels from 1.
     json
         Boxes also as JSON, one line per frame, on standard output; what is said at the end goes to standard error.
     panels
@@ -84,6 +87,7 @@ class Options:
     gain: Annotated[float | None, tyro.conf.arg(metavar="G")] = None
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    mot: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     panels: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     flow: Flow = "classic"
@@ -106,6 +110,8 @@ def check(options: Options) -> None:
         raise UsageError("--roi and --select exclude each other")
     if options.all and (options.roi is not None or options.select):
         raise UsageError("--all follows whatever moves: it takes neither --roi nor --select")
+    if options.mot is not None and not options.all:
+        raise UsageError("--mot is a file of several objects: it needs --all")
     for name, least in (("start", 0), ("step", 1), ("max_frames", 1)):
         value = getattr(options, name)
         if value is not None and value < least:

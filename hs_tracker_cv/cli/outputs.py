@@ -6,13 +6,15 @@ import json
 import os
 import stat
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, TextIO, cast
 
 from ..display import STATE_COLOURS, draw_box, draw_boxes
-from ..following import Step, write_header, write_row
+from ..following import Step, write_header, write_mot, write_row
 from ..video import IMAGE_SUFFIXES, VideoError, VideoSink, VideoSource
 from .options import Options, UsageError
 from .panels import Panels, labels
@@ -40,17 +42,26 @@ class Outputs:
         video = options.out if options.out is not None else Path(f"{source.name}.hs.webm")
         table = options.csv if options.csv is not None else Path(f"{source.name}.hs.csv")
         panels = video.with_name(f"{video.stem}.panels{video.suffix}")
-        _check(options.video, [video, table, panels] if options.panels else [video, table])
+        tables = [table] if options.mot is None else [table, options.mot]
+        _check(options.video, [video, *tables, panels] if options.panels else [video, *tables])
         self._overlay = VideoSink(video, source.fps)
-        self._table = _Table(table, options.all)
+        self._every = options.all
+        self._table = _Table(table, partial(write_header, every=options.all), partial(write_row, every=options.all))
+        self._mot = _Table(options.mot, lambda _: None, write_mot) if options.mot is not None else None
         self._panels = VideoSink(panels, source.fps) if options.panels else None
         self._drawn = Panels(options.stages)
         self._json = options.json
         self._failed: set[Path] = set()
 
     def __enter__(self) -> Outputs:
-        """Begin the table."""
+        """Begin the tables."""
         self._table.open()
+        if self._mot is not None:
+            try:
+                self._mot.open()
+            except VideoError:
+                self._table.close()
+                raise
         return self
 
     def __exit__(
@@ -61,7 +72,8 @@ class Outputs:
             for sink in (self._overlay, self._panels):
                 if sink is not None:
                     stack.callback(self._finish, sink)
-            stack.callback(self._table.close)
+            for table in self._tables:
+                stack.callback(table.close)
 
     def write(self, step: Step) -> None:
         """Write a step to every output: the row first, so that a run that is killed has it.
@@ -73,12 +85,17 @@ class Outputs:
         BrokenPipeError
             If nobody reads standard output any more.
         """
-        self._table.write(step)
+        for table in self._tables:
+            table.write(step)
         if self._json:
-            _print_line(json.dumps(_plain_all(step) if self._table.every else _plain(step)))
-        self._send(self._overlay, _drawn_all(step) if self._table.every else _drawn(step))
+            _print_line(json.dumps(_plain_all(step) if self._every else _plain(step)))
+        self._send(self._overlay, _drawn_all(step) if self._every else _drawn(step))
         if self._panels is not None:
             self._send(self._panels, self._drawn.draw(step))
+
+    @property
+    def _tables(self) -> list[_Table]:
+        return [table for table in (self._table, self._mot) if table is not None]
 
     def _send(self, sink: VideoSink, picture: Any) -> None:
         try:
@@ -97,18 +114,18 @@ class Outputs:
     @property
     def written(self) -> list[Path]:
         """Files that this run has written, whole as far as it went."""
-        outputs = (self._overlay, self._table, self._panels)
+        outputs = (self._overlay, self._table, self._mot, self._panels)
         made = [output.path for output in outputs if output is not None and output.count > 0]
         return [path for path in made if path not in self._failed]
 
 
 class _Table:
-    """The CSV, in which every row is whole: what of a row is on a full disk is taken back."""
+    """A table in which every row is whole: what of a row is on a full disk is taken back."""
 
-    def __init__(self, path: Path, every: bool) -> None:
+    def __init__(self, path: Path, header: Callable[[TextIO], None], row: Callable[[TextIO, Step], None]) -> None:
         self.path = path
-        self.every = every
         self.count = 0
+        self._header, self._row = header, row
         self._file: BinaryIO | None = None
 
     def open(self) -> None:
@@ -118,7 +135,7 @@ class _Table:
         except OSError as error:
             raise VideoError(f"{self.path}: cannot be written ({error.strerror})") from error
         try:
-            write_header(cast(TextIO, _Whole(self._file, self.path)), every=self.every)
+            self._header(cast(TextIO, _Whole(self._file, self.path)))
         except VideoError:
             self._file.close()
             raise
@@ -126,7 +143,7 @@ class _Table:
     def write(self, step: Step) -> None:
         """Append a row; raises VideoError."""
         assert self._file is not None
-        write_row(cast(TextIO, _Whole(self._file, self.path)), step, every=self.every)
+        self._row(cast(TextIO, _Whole(self._file, self.path)), step)
         self.count += 1
 
     def close(self) -> None:

@@ -1,0 +1,1 @@
+"""Trackers of several objects: run without a rectangle, scored for where and for who."""
