@@ -21,7 +21,7 @@ _LIBRARIES = ("numpy", "numba", "llvmlite", "scikit-image", "scipy")
 _RUNNERS = ("eval.track", "eval.worker")  # the process of a tracker is theirs
 _CODE = {".py", ".so", ".pyd", ".dylib"}
 
-__all__ = ["DEFAULT_TRACKERS", "TRACKERS", "TrackerSpec", "code_version", "find_tracker"]
+__all__ = ["DEFAULT_TRACKERS", "TRACKERS", "TrackerSpec", "code_version", "find_tracker", "source_files"]
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def code_version(spec: TrackerSpec) -> str:
     for part in (spec.factory, json.dumps(dict(spec.params), sort_keys=True), *versions):
         digest.update(part.encode() + b"\0")
     for source in (*spec.sources, *_RUNNERS):
-        for path in _source_files(source):
+        for path in source_files(source):
             digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
@@ -134,7 +134,14 @@ def _version(distribution: str) -> str:
         return f"no {distribution}"
 
 
-def _source_files(module: str) -> list[Path]:
+def source_files(module: str) -> list[Path]:
+    """Files of a module or package whose change may change what it does: Python and compiled extensions.
+
+    Raises
+    ------
+    ValueError
+        If there is no such module.
+    """
     found = _find_spec(module)
     if found is None:
         raise ValueError(f"cannot find the module {module!r}")

@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -426,6 +427,24 @@ def test_fingerprint_follows_source_and_library(monkeypatch):
     assert before != flow_methods.FLOW_METHODS["dis-fast"].fingerprint()
     monkeypatch.setattr(cv2, "__version__", "9.9.9")
     assert before != flow_methods.FLOW_METHODS["farneback"].fingerprint()
+
+
+def test_fingerprint_follows_what_is_compiled_and_what_others_wrote(tmp_path, monkeypatch):
+    """Ours depends on its compiled loops, a method of somebody's own on its source, whatever its version says."""
+    ours = flow_methods.FLOW_METHODS["hs-fast"].fingerprint()
+    own = flow_methods.flow_method("own_methods:oracle").fingerprint()
+    read = Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b"#" * path.name.startswith("kernels.cpython"))
+    assert flow_methods.FLOW_METHODS["hs-fast"].fingerprint() != ours
+    assert flow_methods.flow_method("own_methods:oracle").fingerprint() == own
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b"#" * (path.name == "own_methods.py"))
+    assert flow_methods.flow_method("own_methods:oracle").fingerprint() != own
+
+
+@pytest.mark.parametrize("name", ["cv2:DISOpticalFlow_create", "cv2.optflow:createOptFlow_DenseRLOF"])
+def test_any_dense_optical_flow_of_cv2_is_a_method(name, tmp_path):
+    """An object with `calc` will do, whether it takes gray frames or colour: a shift by 2 px is found."""
+    assert run_one(name, tmp_path, make_pair(shift=(2.0, 0.0), size=(120, 160))).scores["aepe"] < 0.5
 
 
 def test_unknown_method_names_the_known_ones(tmp_path):

@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from ..trackers import source_files
 
 if TYPE_CHECKING:
     from hs_tracker_cv.flow import Mode
@@ -30,6 +30,10 @@ Flow = NDArray[np.float32]
 
 YARDSTICK = "dis-medium"
 """The method whose time is measured beside every other's, so that times of different machines can be compared."""
+
+
+_LIBRARIES = ("cv2", "skimage")
+_NATIVE = "hs_tracker_cv._native"  # Horn–Schunck's loops are compiled
 
 
 class MissingLibraryError(RuntimeError):
@@ -69,17 +73,13 @@ class FlowMethod:
 
 
 def _module_state(module: str) -> bytes:
-    if module.split(".")[0] not in ("eval", "hs_tracker_cv"):
+    """Version of a library; of anything else its sources and compiled extensions, which may change between runs."""
+    if module in _LIBRARIES:
         try:
             return f"{module} {importlib.import_module(module).__version__}".encode()
         except ImportError:
             return f"{module} absent".encode()
-    spec = importlib.util.find_spec(module)
-    if spec is None or spec.origin is None:
-        return f"{module} absent".encode()
-    origin = Path(spec.origin)
-    files = sorted(origin.parent.glob("*.py")) if origin.name == "__init__.py" else [origin]
-    return b"".join(file.read_bytes() for file in files)
+    return b"".join(file.name.encode() + b"\0" + file.read_bytes() + b"\0" for file in source_files(module))
 
 
 def gray(image: Image) -> Image:
@@ -177,26 +177,26 @@ FLOW_METHODS: dict[str, FlowMethod] = {
         "ours",
         "hs_tracker_cv HornSchunck('classic'): Horn and Schunck 1981",
         _ours("classic"),
-        ("hs_tracker_cv.flow",),
+        ("hs_tracker_cv.flow", _NATIVE),
     ),
     "hs-solve": FlowMethod(
         "ours",
         "hs_tracker_cv HornSchunck('solve'): the same equations, solved",
         _ours("solve"),
-        ("hs_tracker_cv.flow",),
+        ("hs_tracker_cv.flow", _NATIVE),
     ),
-    "hs-fast": FlowMethod("ours", "hs_tracker_cv HornSchunck('fast')", _ours("fast"), ("hs_tracker_cv.flow",)),
+    "hs-fast": FlowMethod("ours", "hs_tracker_cv HornSchunck('fast')", _ours("fast"), ("hs_tracker_cv.flow", _NATIVE)),
     "hs-default": FlowMethod(
-        "ours", "hs_tracker_cv HornSchunck('default')", _ours("default"), ("hs_tracker_cv.flow",)
+        "ours", "hs_tracker_cv HornSchunck('default')", _ours("default"), ("hs_tracker_cv.flow", _NATIVE)
     ),
     "hs-accurate": FlowMethod(
-        "ours", "hs_tracker_cv HornSchunck('accurate')", _ours("accurate"), ("hs_tracker_cv.flow",)
+        "ours", "hs_tracker_cv HornSchunck('accurate')", _ours("accurate"), ("hs_tracker_cv.flow", _NATIVE)
     ),
     "paper": FlowMethod(
         "ours",
         "the paper: smoothed frames, classic Horn–Schunck with λ = 10, by HornSchunck('classic')",
         _paper,
-        ("hs_tracker_cv.flow", "cv2"),
+        ("hs_tracker_cv.flow", _NATIVE, "cv2"),
     ),
     "dis-ultrafast": FlowMethod(
         "OpenCV", "cv2 DIS, ultrafast preset: Kroeger et al., ECCV 2016", _cv2("DISOpticalFlow_create", 0), ("cv2",)
@@ -294,6 +294,8 @@ def flow_method(name: str) -> FlowMethod:
     Parameters
     ----------
     name : str
+        The factory returns a function as :data:`FLOW_METHODS` have, or an object with the `calc` of
+        ``cv2.DenseOpticalFlow``: ``cv2:DISOpticalFlow_create``.
 
     Returns
     -------
@@ -311,15 +313,28 @@ def flow_method(name: str) -> FlowMethod:
         raise ValueError(f"unknown flow method {name!r}; known: {', '.join(FLOW_METHODS)}, or pkg.module:factory")
 
     def factory() -> Callable[..., Flow]:
-        function: Callable[..., Flow] = getattr(importlib.import_module(module), attribute)()
-        return function
+        made = getattr(importlib.import_module(module), attribute)()
+        return _dense(made) if hasattr(made, "calc") else made
 
-    return FlowMethod("own", name, factory, _custom_depends(module))
+    importlib.import_module(module)
+    return FlowMethod("own", name, factory, ("cv2", module.partition(".")[0]))
 
 
-def _custom_depends(module: str) -> tuple[str, ...]:
-    """Modules outside the checkout often have no version: only those with one can be told apart."""
-    return (module,) if hasattr(importlib.import_module(module), "__version__") else ()
+def _dense(solver: Any) -> Callable[[Image, Image], Flow]:
+    """Any ``cv2.DenseOpticalFlow``: it is given gray frames, or colour if it refuses those, as RLOF does."""
+    prepare: Callable[[Image], Image] | None = None
+
+    def calc(first: Image, second: Image) -> Flow:
+        nonlocal prepare
+        if prepare is None:
+            prepare = gray
+            try:
+                return np.asarray(solver.calc(gray(first), gray(second), None), np.float32)
+            except cv2.error:
+                prepare = _bgr
+        return np.asarray(solver.calc(prepare(first), prepare(second), None), np.float32)
+
+    return calc
 
 
 def estimate_flow(
