@@ -109,8 +109,9 @@ def speed(
     folder, found = _open(out, suite, dataset, sequences)
     _speed_with_progress(specs, found, folder, Limits(timeout, paths=paths), frames=frames, block=block)
     measured = folder.read_speeds()
+    scenes = {sequence.name: sequence.scene for sequence in found}
     _console.print(console_table(speed_text(measured), "median ms per update"))
-    _console.print(console_table(speed_overall_text(measured), "medians over sequences"))
+    _console.print(console_table(speed_overall_text(measured, scenes), "medians over sequences"))
 
 
 def report(

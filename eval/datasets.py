@@ -26,7 +26,7 @@ from hs_tracker_cv.video import VideoError, image_files, native_name, read_image
 
 from .framesource import FrameSource
 from .sequences import Sequence
-from .truthfiles import SequenceError, SequenceWarning, read_attributes, read_boxes, read_numbers
+from .truthfiles import SequenceError, SequenceWarning, read_attributes, read_boxes, read_numbers, read_scene
 
 __all__ = ["DATASETS", "load_dataset"]
 
@@ -55,7 +55,12 @@ def _images_in(folder: Path) -> list[Path]:
 
 
 def _from_images(
-    name: str, folder: Path, images: Listing[Path], boxes: NDArray[np.float64], visible: NDArray[np.float64] | None
+    name: str,
+    folder: Path,
+    images: Listing[Path],
+    boxes: NDArray[np.float64],
+    visible: NDArray[np.float64] | None,
+    scene: str = "",
 ) -> Sequence:
     """Make a sequence of images and of boxes, of which either may be one too many."""
     count = _common_count(name, len(images), len(boxes))
@@ -64,9 +69,8 @@ def _from_images(
     except VideoError as error:
         raise SequenceError(f"{name}: cannot read {error}") from error
     paths = tuple(str(path) for path in images[:count])
-    return _sequence(
-        name, FrameSource(paths, "images", count), boxes[:count], visible, folder, (first.shape[1], first.shape[0])
-    )
+    size = (first.shape[1], first.shape[0])
+    return _sequence(name, FrameSource(paths, "images", count), boxes[:count], visible, folder, size, scene)
 
 
 def _common_count(name: str, frames: int, boxes: int) -> int:
@@ -87,6 +91,7 @@ def _sequence(
     visible: NDArray[np.float64] | None,
     folder: Path,
     size: tuple[int, int],
+    scene: str = "",
 ) -> Sequence:
     """Whatever the layout: where there is no box there is no object, and our exports say what can be seen of it."""
     count = len(boxes)
@@ -95,7 +100,8 @@ def _sequence(
     presence = np.asarray(np.isfinite(boxes).all(axis=1), dtype=np.float64)
     visibility = presence if shown is None else presence * shown[:count]
     digest = _hash(source.paths, boxes, visibility)
-    return Sequence(name, source, boxes, visibility, read_attributes(folder), size, digest)
+    scene = read_scene(folder) or scene
+    return Sequence(name, source, boxes, visibility, read_attributes(folder), size, digest, scene=scene)
 
 
 def _hash(paths: Iterable[str], *arrays: NDArray[np.float64]) -> str:
@@ -143,7 +149,7 @@ def _otb(folder: Path, name: str, truth: Path) -> Sequence:
     if start is not None and len(images) != len(boxes):
         numbered = [path for path in images if path.stem.isdecimal() and start <= int(path.stem) < start + len(boxes)]
         images = numbered if len(numbered) == len(boxes) else images
-    return _from_images(name, folder, images, boxes, None)
+    return _from_images(name, folder, images, boxes, None, folder.name)
 
 
 def _otb_readers(folder: Path) -> Readers:

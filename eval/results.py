@@ -378,6 +378,7 @@ def _sequence_to_json(sequence: Sequence) -> dict[str, Any]:
         "size": list(sequence.size),
         "digest": sequence.digest,
         "parameters": dict(sequence.parameters),
+        "scene": sequence.scene,
     }
 
 
@@ -391,4 +392,5 @@ def _sequence_from_json(data: dict[str, Any]) -> Sequence:
         size=(data["size"][0], data["size"][1]),
         digest=data["digest"],
         parameters=dict(data.get("parameters", {})),
+        scene=data.get("scene", ""),
     )

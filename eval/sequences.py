@@ -42,6 +42,9 @@ class Sequence:
         Hash of the frames and the truth.
     parameters : mapping of str to str or number
         Of one drawn from a distribution: what was drawn.
+    scene : str
+        What it shares with others that are no independent evidence beside it: one camera, one video. By default its
+        own name: it shares nothing.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Sequence:
     size: tuple[int, int]
     digest: str
     parameters: Mapping[str, str | float] = field(default_factory=dict)
+    scene: str = ""
 
     @property
     def theme(self) -> str:
@@ -59,6 +63,7 @@ class Sequence:
         return str(self.parameters.get("theme", ""))
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "scene", self.scene or self.name)
         if self.boxes.shape != (len(self), 4) or self.visibility.shape != (len(self),):
             raise SequenceError(
                 f"{self.name}: {len(self)} frames, but boxes {self.boxes.shape}, visibility {self.visibility.shape}"

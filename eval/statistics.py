@@ -1,15 +1,19 @@
-"""From runs to numbers: scores per run, means per sequence and attribute, paired differences, trust in scores."""
+"""From runs to numbers: scores per run, means per sequence and attribute, paired differences, trust in scores.
+
+Every sequence counts once in a mean; what is independent, where intervals and tests need it, is a scene.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from .intervals import mean_interval, share_interval
+from .intervals import critical_difference, holm, mean_interval, share_interval, sign_flip_p
 from .metrics import COUNTS, METRICS, FrameScores, frame_scores, precision_curve, success_curve, summarise
 from .results import COMPLETED, Run, SpeedRun
 from .sequences import Sequence
@@ -18,8 +22,10 @@ __all__ = [
     "ScoredRun",
     "calibration",
     "calibration_error",
+    "common_pairs",
     "curves",
     "differences",
+    "mean_ranks",
     "median_known",
     "overall",
     "per_attribute",
@@ -67,10 +73,13 @@ def score_frames(runs: Iterable[Run], sequences: Iterable[Sequence]) -> list[Sco
 
 
 def score_table(scored: Iterable[ScoredRun]) -> pd.DataFrame:
-    """One row per run: tracker, sequence, start, repeat, status, the metrics and their counts of frames."""
+    """One row per run: tracker, sequence, scene, start, repeat, status, the metrics and their counts of frames."""
     names = ("tracker", "sequence", "start", "repeat", "status")
-    rows = [{**{name: getattr(item.run, name) for name in names}, **summarise(item.frames)} for item in scored]
-    columns = ["tracker", "sequence", "start", "repeat", "status", *METRICS, *COUNTS]
+    rows = [
+        {**{name: getattr(item.run, name) for name in names}, "scene": item.sequence.scene, **summarise(item.frames)}
+        for item in scored
+    ]
+    columns = ["tracker", "sequence", "scene", "start", "repeat", "status", *METRICS, *COUNTS]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -80,15 +89,28 @@ def per_sequence(scores: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        One row per pair: tracker, sequence, the metrics from the exact start, `perturbed_iou`, `failed` runs,
-        the counts of frames.
+        One row per pair: tracker, sequence, its scene, the metrics from the exact start, `perturbed_iou`, `failed`
+        runs, the counts of frames.
     """
     pair = ["tracker", "sequence"]
     numbers = [*METRICS, *COUNTS]
     exact = scores[scores["start"] == 0].groupby(pair, sort=False)[numbers].mean()
     perturbed = scores[scores["start"] > 0].groupby(pair, sort=False)["mean_iou"].mean()
     failed = (scores["status"] != COMPLETED).groupby([scores[name] for name in pair], sort=False).sum()
-    return exact.assign(perturbed_iou=perturbed, failed=failed).reset_index()
+    scene = scores.groupby(pair, sort=False)["scene"].first()
+    return exact.assign(perturbed_iou=perturbed, failed=failed, scene=scene).reset_index()
+
+
+def _scenes(pairs: pd.DataFrame) -> dict[str, str]:
+    """Scene of each sequence."""
+    return dict(zip(pairs["sequence"], pairs["scene"], strict=True))
+
+
+def common_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the sequences that all trackers have run; all rows where there are no such sequences."""
+    runners = pairs.groupby("sequence")["tracker"].nunique()
+    common = pairs[pairs["sequence"].isin(runners.index[runners == pairs["tracker"].nunique()])]
+    return pairs if common.empty else common
 
 
 def _weighted_mean(values: FloatArray, weights: FloatArray) -> float:
@@ -109,19 +131,19 @@ def overall(pairs: pd.DataFrame) -> pd.DataFrame:
     Ranks are by the sequences that all trackers have run; where there are none, by what each has run.
     """
     rows = []
-    runners = pairs.groupby("sequence")["tracker"].nunique()
-    common = pairs[pairs["sequence"].isin(runners.index[runners == pairs["tracker"].nunique()])]
-    pairs = pairs if common.empty else common
+    pairs = common_pairs(pairs)
     for tracker, group in pairs.groupby("tracker", sort=False):
         row: dict[str, object] = {"tracker": tracker, "sequences": len(group), "failed": int(group["failed"].sum())}
         for metric in (*METRICS, "perturbed_iou"):
             row[metric] = _weighted_mean(group[metric].to_numpy(float), _weights(group, metric))
         values = group["mean_iou"].dropna().to_numpy(float)
         # No mean of shares lies outside of 0 to 1, wherever the formula's ends are.
-        row["low"], row["high"] = np.clip(mean_interval(values), 0.0, 1.0)
+        bounds = mean_interval(group["mean_iou"].to_numpy(float), group["scene"].tolist())
+        row["low"], row["high"] = np.clip(bounds, 0.0, 1.0)
+        row["scenes"] = group.loc[group["mean_iou"].notna(), "scene"].nunique()
         row["q05"] = float(np.quantile(values, LOW_QUANTILE)) if values.size else float("nan")
         rows.append(row)
-    columns = ["tracker", "sequences", "failed", *METRICS, "perturbed_iou", "low", "high", "q05"]
+    columns = ["tracker", "sequences", "scenes", "failed", *METRICS, "perturbed_iou", "low", "high", "q05"]
     table = pd.DataFrame(rows, columns=columns)
     return table.sort_values("mean_iou", ascending=False, kind="stable", ignore_index=True)
 
@@ -143,8 +165,11 @@ def differences(
     -------
     DataFrame
         One row per other tracker: mean difference (positive: `tracker` is better by that), its interval `low` to
-        `high`, sequences won (by more than 0.02), lost and even, and the worst loss with its sequence.
+        `high`, `p` of a test that flips the signs of scenes, corrected for the number of rows (Holm) where they are
+        to be right `together`, number of `scenes`, sequences won (by more than 0.02), lost and even, and the worst
+        loss with its sequence.
     """
+    scenes = _scenes(pairs)
     wide = pairs.pivot(index="sequence", columns="tracker", values=metric)
     rows = []
     others = wide.columns.drop(tracker, errors="ignore")
@@ -152,13 +177,47 @@ def differences(
         gap = (wide[tracker] - wide[other]).dropna()
         if gap.empty:
             continue
-        low, high = mean_interval(gap.to_numpy(float), comparisons=len(others) if together else 1)
+        values, places = gap.to_numpy(float), [scenes[str(name)] for name in gap.index]
+        low, high = mean_interval(values, places, comparisons=len(others) if together else 1)
+        test = {"p": sign_flip_p(values, places), "scenes": len(set(places))}
         won, lost = int((gap > 0.02).sum()), int((gap < -0.02).sum())
         worst = {"worst": float(gap.min()), "worst_sequence": str(gap.idxmin())}
         counts = {"won": won, "lost": lost, "even": len(gap) - won - lost}
-        rows.append({"other": other, "difference": float(gap.mean()), "low": low, "high": high, **counts, **worst})
-    columns = ["other", "difference", "low", "high", "won", "lost", "even", "worst", "worst_sequence"]
-    return pd.DataFrame(rows, columns=columns).sort_values("difference", kind="stable", ignore_index=True)
+        rows.append(
+            {"other": other, "difference": float(gap.mean()), "low": low, "high": high, **test, **counts, **worst}
+        )
+    columns = ["other", "difference", "low", "high", "p", "scenes", "won", "lost", "even", "worst", "worst_sequence"]
+    table = pd.DataFrame(rows, columns=columns)
+    if together:
+        table["p"] = holm(table["p"].to_numpy(float))
+    return table.sort_values("difference", kind="stable", ignore_index=True)
+
+
+def mean_ranks(pairs: pd.DataFrame, metric: str = "mean_iou") -> tuple[pd.DataFrame, float]:
+    """Rank the trackers in each scene that all have run, and say which mean ranks differ by more than chance.
+
+    Demšar's procedure: ranks by the means over the sequences of a scene (1 is the best, equal ones share theirs),
+    and Nemenyi's critical difference for all pairs at once. The oracle does not compete.
+
+    Returns
+    -------
+    table : DataFrame
+        One row per tracker, the best first: `tracker`, `rank`, number of `scenes`, and `like`, the others whose rank
+        is within the critical difference, in words.
+    critical : float
+        That difference; NaN for fewer than two trackers.
+    """
+    known = common_pairs(pairs[pairs["tracker"] != "Oracle"].dropna(subset=[metric]))
+    wide = known.pivot_table(index="scene", columns="tracker", values=metric, sort=False).dropna()
+    ranks = wide.rank(axis="columns", ascending=False).mean().sort_values(kind="stable")
+    critical = critical_difference(len(ranks), len(wide))
+    places = {str(name): float(rank) for name, rank in ranks.items()}
+    like = [
+        ", ".join(name for name, other in places.items() if name != own and abs(other - rank) < critical)
+        for own, rank in places.items()
+    ]
+    table = pd.DataFrame({"tracker": ranks.index, "rank": ranks.to_numpy(float), "scenes": len(wide), "like": like})
+    return table, critical
 
 
 def per_attribute(pairs: pd.DataFrame, sequences: Iterable[Sequence], metric: str = "mean_iou") -> pd.DataFrame:
@@ -253,7 +312,7 @@ def calibration(scored: Iterable[ScoredRun]) -> dict[str, pd.DataFrame]:
     -------
     dict of str to DataFrame
         For each tracker that gives a score: one row per tenth of it, with the mean `score`, the share of frames with
-        the target really `located` (visible and IoU ≥ 0.5), its interval `low` to `high` between sequences, and the
+        the target really `located` (visible and IoU ≥ 0.5), its interval `low` to `high` between scenes, and the
         number of `frames`.
     """
     return {tracker: _reliability(values) for tracker, values in _believed(scored).items()}
@@ -286,7 +345,7 @@ def calibration_error(table: pd.DataFrame) -> float:
 
 
 def _believed(scored: Iterable[ScoredRun]) -> dict[str, pd.DataFrame]:
-    """Of each tracker with a score, every judged frame: `sequence`, `score` and whether the target is `located`."""
+    """Of each tracker with a score, every judged frame: `scene`, `score` and whether the target is `located`."""
     gathered: dict[str, list[pd.DataFrame]] = {}
     for item in scored:
         score = item.run.trajectory.score[1:]
@@ -294,7 +353,7 @@ def _believed(scored: Iterable[ScoredRun]) -> dict[str, pd.DataFrame]:
         if judged.any():
             located = np.where(item.frames.visible, np.nan_to_num(item.frames.iou) >= 0.5, False)
             columns = {
-                "sequence": item.run.sequence,
+                "scene": item.sequence.scene,
                 "score": score[judged],
                 "located": located[judged].astype(float),
             }
@@ -306,8 +365,8 @@ def _reliability(values: pd.DataFrame) -> pd.DataFrame:
     tenth = np.clip((values["score"] * 10).astype(int), 0, 9)
     rows = []
     for _, part in values.groupby(tenth):
-        by_sequence = part.groupby("sequence")["located"].agg(["sum", "size"])
-        low, high = share_interval(by_sequence["sum"].to_numpy(float), by_sequence["size"].to_numpy(float))
+        by_scene = part.groupby("scene")["located"].agg(["sum", "size"])
+        low, high = share_interval(by_scene["sum"].to_numpy(float), by_scene["size"].to_numpy(float))
         means = {"score": part["score"].mean(), "located": part["located"].mean()}
         rows.append({**means, "low": low, "high": high, "frames": len(part)})
     return pd.DataFrame(rows, columns=["score", "located", "low", "high", "frames"])
@@ -343,19 +402,26 @@ def median_known(rows: FloatArray) -> FloatArray:
     return np.array(columns)
 
 
-def speed_table(runs: Iterable[SpeedRun]) -> pd.DataFrame:
+def speed_table(runs: Iterable[SpeedRun], scenes: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
     """Time of one update per (tracker, sequence), ms.
+
+    Parameters
+    ----------
+    runs : iterable of SpeedRun
+    scenes : mapping of str to str, optional
+        Scenes of the sequences that share theirs.
 
     Returns
     -------
     DataFrame
-        `median` and `p95` of the processor time, `wall`, the median of the time that passed, and the number of timed
-        `updates`.
+        `scene`, `median` and `p95` of the processor time, `wall`, the median of the time that passed, and the number
+        of timed `updates`.
     """
     rows = [
         {
             "tracker": tracker,
             "sequence": run.sequence,
+            "scene": scenes.get(run.sequence, run.sequence),
             "median": float(np.median(times)),
             "p95": float(np.percentile(times, 95)),
             "wall": float(np.median(run.wall[tracker])),
@@ -365,4 +431,4 @@ def speed_table(runs: Iterable[SpeedRun]) -> pd.DataFrame:
         for tracker, times in run.milliseconds.items()
         if times
     ]
-    return pd.DataFrame(rows, columns=["tracker", "sequence", "median", "p95", "wall", "updates"])
+    return pd.DataFrame(rows, columns=["tracker", "sequence", "scene", "median", "p95", "wall", "updates"])

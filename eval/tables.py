@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from .sequences import Sequence
 from .statistics import (
     ScoredRun,
     differences,
+    mean_ranks,
     overall,
     per_attribute,
     per_sequence,
@@ -35,6 +38,8 @@ __all__ = [
     "console_table",
     "format_cell",
     "overall_table",
+    "rank_table",
+    "ranks_caption",
     "speed_overall_text",
     "summarise_folder",
     "theme_table",
@@ -58,8 +63,10 @@ class Summary:
         The suite or data set.
     sequences : list of Sequence
     scored : list of ScoredRun
-    scores, pairs, overall, attributes, differences, themes, worst, speed : DataFrame
+    scores, pairs, overall, attributes, differences, ranks, themes, worst, speed : DataFrame
         See :mod:`eval.statistics`.
+    critical : float
+        Least difference of mean ranks that is none of chance.
     chosen : str
         The tracker that the differences are about.
     """
@@ -72,6 +79,8 @@ class Summary:
     overall: pd.DataFrame
     attributes: pd.DataFrame
     differences: pd.DataFrame
+    ranks: pd.DataFrame
+    critical: float
     themes: pd.DataFrame
     worst: pd.DataFrame
     speed: pd.DataFrame
@@ -101,8 +110,9 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
     if scores.empty:
         raise ResultsError(f"no results in {folder.path} for the sequences of the last run")
     pairs = per_sequence(scores)
-    speed = speed_table(folder.read_speeds())
+    speed = speed_table(folder.read_speeds(), {sequence.name: sequence.scene for sequence in sequences})
     table = overall(pairs).join(score_quality(scored), on="tracker").join(_speed_by_tracker(speed), on="tracker")
+    ranks, critical = mean_ranks(pairs)
     chosen = chosen if chosen in set(table["tracker"]) else str(table["tracker"].iloc[0])
     return Summary(
         source=folder.read_manifest()["source"],
@@ -113,6 +123,8 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
         overall=table,
         attributes=per_attribute(pairs, sequences),
         differences=differences(pairs, chosen),
+        ranks=ranks,
+        critical=critical,
         themes=per_theme(pairs, sequences, chosen),
         worst=worst_sequences(pairs, sequences, chosen),
         speed=speed,
@@ -121,7 +133,7 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
 
 
 def _speed_by_tracker(speed: pd.DataFrame) -> pd.DataFrame:
-    """Frames per second, p95, the ratio to the rival with its interval: medians over sequences; the least ratio."""
+    """Frames per second, p95, the ratio to the rival: medians over sequences; its interval over scenes; its least."""
     medians = speed.pivot(index="sequence", columns="tracker", values="median")
     tails = speed.pivot(index="sequence", columns="tracker", values="p95")
     rival = medians[SPEED_RIVAL] if SPEED_RIVAL in medians else pd.Series(np.nan, index=medians.index)
@@ -129,7 +141,8 @@ def _speed_by_tracker(speed: pd.DataFrame) -> pd.DataFrame:
     table = pd.DataFrame(
         {"fps": 1000.0 / medians.median(), "p95_ms": tails.median(), "ratio": ratios.median(), "least": ratios.min()}
     )
-    bounds = [median_interval(ratios[name].to_numpy(float)) for name in ratios.columns]
+    by_scene = ratios.groupby(speed.groupby("sequence")["scene"].first()).median()
+    bounds = [median_interval(by_scene[name].to_numpy(float)) for name in by_scene.columns]
     ends = pd.DataFrame(bounds, index=ratios.columns, columns=["ratio_low", "ratio_high"], dtype=float)
     # CSRT is exactly as fast as CSRT.
     ends[ends.index == SPEED_RIVAL] = np.nan
@@ -209,9 +222,9 @@ def speed_text(runs: list[SpeedRun]) -> pd.DataFrame:
     return _as_text(wide.rename_axis(columns=None).reset_index())
 
 
-def speed_overall_text(runs: list[SpeedRun]) -> pd.DataFrame:
-    """Speed as text, one row per tracker, the fastest first."""
-    table = _speed_by_tracker(speed_table(runs)).sort_values("fps", ascending=False)
+def speed_overall_text(runs: list[SpeedRun], scenes: Mapping[str, str] = MappingProxyType({})) -> pd.DataFrame:
+    """Speed as text, one row per tracker, the fastest first; `scenes` are those of sequences that share theirs."""
+    table = _speed_by_tracker(speed_table(runs, scenes)).sort_values("fps", ascending=False)
     table = table.assign(ratio_interval=_interval_texts(table["ratio_low"], table["ratio_high"], 1))
     names = [name for name in ("fps", "p95_ms", "ratio", "ratio_interval", "least") if table[name].notna().any()]
     texts = {_EXTRA_TITLES[name]: [format_cell(value, name) for value in table[name]] for name in names}
@@ -267,12 +280,34 @@ def difference_table(summary: Summary) -> pd.DataFrame:
             f"{a:+.3f} to {b:+.3f}" if np.isfinite(a) else "–"
             for a, b in zip(table["low"], table["high"], strict=True)
         ],
+        "p (Holm)": [format_cell(value) for value in table["p"]],
         "won": table["won"].astype(str),
         "even": table["even"].astype(str),
         "lost": table["lost"].astype(str),
         "worst": [f"{a:+.3f} {b}" for a, b in zip(table["worst"], table["worst_sequence"], strict=True)],
     }
     return pd.DataFrame(texts)
+
+
+def rank_table(summary: Summary) -> pd.DataFrame:
+    """Mean ranks as text, the best first, and which of them cannot be told apart."""
+    table = summary.ranks
+    return pd.DataFrame(
+        {
+            "tracker": table["tracker"],
+            "mean rank": [f"{rank:.2f}" for rank in table["rank"]],
+            "not apart from": table["like"],
+        }
+    )
+
+
+def ranks_caption(summary: Summary) -> str:
+    """What the ranks are about, and which of them are not told apart."""
+    scenes = int(summary.ranks["scenes"].max()) if len(summary.ranks) else 0
+    text = f"Mean ranks by mean IoU over {scenes} scenes of {summary.source}"
+    if np.isfinite(summary.critical):
+        text += f"; those that differ by less than {summary.critical:.2f} are not told apart (Nemenyi, 95 %)"
+    return f"{text}."
 
 
 def failure_table(summary: Summary) -> pd.DataFrame:
@@ -321,6 +356,7 @@ def write_tables(summary: Summary, folder: Path) -> list[Path]:
         "overall": summary.overall,
         "attributes": summary.attributes,
         "differences": summary.differences,
+        "ranks": summary.ranks,
         "themes": summary.themes,
         "worst": summary.worst,
         "speed": summary.speed,
@@ -330,6 +366,7 @@ def write_tables(summary: Summary, folder: Path) -> list[Path]:
         "sequences": (sequence_table(summary), f"Mean IoU per sequence of {summary.source}.", "columns"),
         "attributes": (attribute_table(summary), f"Mean IoU per attribute of {summary.source}.", "columns"),
         "differences": (difference_table(summary), f"{summary.chosen} against each other tracker.", ""),
+        "ranks": (rank_table(summary), ranks_caption(summary), ""),
     }
     if len(summary.themes):
         shown |= {

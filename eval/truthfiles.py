@@ -8,11 +8,20 @@ import re
 import warnings
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SequenceError", "SequenceWarning", "read_attributes", "read_boxes", "read_numbers", "read_text"]
+__all__ = [
+    "SequenceError",
+    "SequenceWarning",
+    "read_attributes",
+    "read_boxes",
+    "read_numbers",
+    "read_scene",
+    "read_text",
+]
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$", re.ASCII)
 _ABSENT = re.compile(r"[+-]?nan$", re.IGNORECASE)
@@ -177,13 +186,32 @@ def read_attributes(folder: Path) -> tuple[str, ...]:
     return tuple(section[key] for key in ("motion_class", "object_class") if section.get(key))
 
 
-def _from_json(path: Path) -> tuple[str, ...]:
+def read_scene(folder: Path) -> str:
+    """Scene that a sequence shares with others, from an optional meta.json; empty where it says none."""
+    path = folder / "meta.json"
+    if not path.exists():
+        return ""
+    try:
+        scene = _read_meta(path).get("scene")
+    except SequenceError:
+        return ""  # said when the attributes were read
+    if scene is not None and not isinstance(scene, str):
+        _ignore(SequenceError(f"{path}: expected the name of a scene, got {scene!r}"))
+    return scene if isinstance(scene, str) else ""
+
+
+def _read_meta(path: Path) -> dict[str, Any]:
     try:
         meta = json.loads(read_text(path))
     except json.JSONDecodeError as error:
         raise SequenceError(f"{path}: expected JSON, got {error}") from error
     if not isinstance(meta, dict):
         raise SequenceError(f"{path}: expected an object with camera and attributes, got a {type(meta).__name__}")
+    return meta
+
+
+def _from_json(path: Path) -> tuple[str, ...]:
+    meta = _read_meta(path)
     attributes = meta.get("attributes") or []
     if not isinstance(attributes, list):
         raise SequenceError(f"{path}: expected a list of attributes, got {attributes!r}")

@@ -117,15 +117,21 @@ def test_unknown_parts_are_named() -> None:
 def summary_of(kind: str, ious: dict[str, list[float]]) -> Summary:
     """Means of a whole tracker and of ablated ones on some sequences of a kind."""
     rows = [
-        {"tracker": tracker, "sequence": f"{kind}_{number}", "mean_iou": value, "failed": 0}
+        {
+            "tracker": tracker,
+            "sequence": f"{kind}_{number}",
+            "scene": f"{kind}_{number}",
+            "mean_iou": value,
+            "failed": 0,
+        }
         for tracker, values in ious.items()
         for number, value in enumerate(values)
     ]
-    pairs = pd.DataFrame(rows).reindex(columns=["tracker", "sequence", "mean_iou", "failed"])
+    pairs = pd.DataFrame(rows).reindex(columns=["tracker", "sequence", "scene", "mean_iou", "failed"])
     means = pairs.groupby("tracker", sort=False)["mean_iou"].agg(sequences="size", mean_iou="mean").reset_index()
     empty = pd.DataFrame()
     sequences: list[Any] = [None] * len(ious[WHOLE])
-    return Summary(kind, sequences, [], empty, pairs, means, empty, empty, empty, empty, empty, WHOLE)
+    return Summary(kind, sequences, [], empty, pairs, means, empty, empty, empty, np.nan, empty, empty, empty, WHOLE)
 
 
 def test_a_part_pays_where_the_whole_interval_is_below_zero() -> None:

@@ -269,6 +269,21 @@ def test_otb_as_published(tmp_path: Path) -> None:
     }
 
 
+def test_what_shares_a_camera_is_one_scene(tmp_path: Path) -> None:
+    """By meta.json, and two truths in one folder by themselves; whatever says nothing is a scene of its own."""
+    for name in ("a", "b", "c", "d"):
+        write_otb(tmp_path, name, "1,2,3,4\n" * 3)
+    for name, scene in (("a", "highway"), ("b", "highway"), ("c", 7)):
+        (tmp_path / name / "meta.json").write_text(json.dumps({"scene": scene}))
+    (tmp_path / "d" / "groundtruth_rect.txt").rename(tmp_path / "d" / "groundtruth_rect.1.txt")
+    (tmp_path / "d" / "groundtruth_rect.2.txt").write_text("1,2,3,4\n" * 3)
+    with pytest.warns(
+        SequenceWarning, match=r"c/meta\.json: expected the name of a scene, got 7; the file is ignored"
+    ):
+        found = {one.name: one.scene for one in load_dataset(f"otb:{tmp_path}")}
+    assert found == {"a": "highway", "b": "highway", "c": "c", "d-1": "d", "d-2": "d"}
+
+
 @pytest.fixture(scope="module")
 def rendered() -> list[Rendered]:
     """A sequence in colour whose target vanishes, a gray one, and one of a thermal camera, short."""

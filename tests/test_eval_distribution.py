@@ -100,7 +100,7 @@ def test_calibration_error_weighs_by_frames() -> None:
 def test_the_quantile_of_nothing_is_unknown() -> None:
     """A tracker that never had a visible frame has none."""
     row = dict.fromkeys(["mean_iou", "perturbed_iou"], float("nan"))
-    pairs = pd.DataFrame([{"tracker": "T", "sequence": "s", "failed": 0, **row}])
+    pairs = pd.DataFrame([{"tracker": "T", "sequence": "s", "scene": "s", "failed": 0, **row}])
     pairs = pairs.assign(**{name: np.nan for name in overall(pairs.iloc[:0]).columns if name not in pairs})
     assert np.isnan(overall(pairs.assign(**dict.fromkeys(COUNTS, 0.0)))["q05"][0])
 

@@ -8,7 +8,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from eval.intervals import BCA_FROM, mean_interval, median_interval, share_interval
+from eval.intervals import (
+    BCA_FROM,
+    critical_difference,
+    holm,
+    mean_interval,
+    median_interval,
+    share_interval,
+    sign_flip_p,
+)
 
 Draw = Callable[[np.random.Generator, int], np.ndarray]
 
@@ -88,6 +96,64 @@ def test_intervals_of_a_share_cover_it_when_frames_are_alike(sequences: int, lea
         by_frames.append(p - half <= share <= p + half)
     assert np.mean(covered) >= least
     assert np.mean(by_frames) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("sizes", "least"),
+    [([6, 1, 1, 1, 1, 1], 0.94), ([6, 6, 6, 2, *[1] * 6], 0.92), ([3] * 10, 0.90), ([3] * (BCA_FROM + 2), 0.90)],
+)
+@pytest.mark.parametrize("draw", MEANS)
+def test_intervals_cover_when_sequences_of_a_scene_are_alike(sizes: list[int], least: float, draw: Draw) -> None:
+    """Scenes are resampled as wholes: sequence by sequence, six of one camera would count as six proofs."""
+    rng = np.random.default_rng(13)
+    scenes = np.repeat([f"scene {number}" for number in range(len(sizes))], sizes).tolist()
+    covered, by_sequences = [], []
+    for _ in range(400 if len(sizes) < BCA_FROM else 120):
+        values = np.repeat(draw(rng, len(sizes)), sizes)
+        low, high = mean_interval(values, scenes)
+        covered.append(low <= MEANS[draw] <= high)
+        low, high = mean_interval(values)
+        by_sequences.append(low <= MEANS[draw] <= high)
+    assert np.mean(covered) >= (least if draw is not failing else least - 0.06)
+    assert np.mean(by_sequences) < 0.8
+
+
+def test_scenes_of_one_sequence_each_change_nothing() -> None:
+    """And of two scenes all that is left are two values."""
+    values = np.random.default_rng(2).normal(0.6, 0.2, 12)
+    for count in (12, 2):
+        scenes = [str(number % count) for number in range(12)]
+        means = np.array([values[number::count].mean() for number in range(count)])
+        assert mean_interval(values, scenes) == pytest.approx(mean_interval(means))
+    with pytest.raises(ValueError, match="expected a scene for each of 12 values, got 3"):
+        mean_interval(values, ["a", "b", "c"])
+
+
+def test_sign_flips_are_right_about_chance() -> None:
+    """P is below .05 in about 5 % of experiments without a difference, whether sequences of a scene agree or not."""
+    rng = np.random.default_rng(17)
+    scenes = np.repeat([str(number) for number in range(9)], 3).tolist()
+    found = [sign_flip_p(np.repeat(rng.normal(0.0, 0.1, 9), 3), scenes) for _ in range(300)]
+    assert 0.01 < np.mean(np.array(found) <= 0.05) < 0.09
+    # Of six scenes that all say the same, two of 64 ways are as far from zero.
+    assert sign_flip_p(np.full(6, 0.1)) == pytest.approx(2 / 64)
+    assert sign_flip_p(np.full(18, 0.1), [str(number % 6) for number in range(18)]) == pytest.approx(2 / 64)
+    assert sign_flip_p(np.zeros(5)) == sign_flip_p(np.array([0.3])) == 1.0
+    assert np.isnan(sign_flip_p(np.array([np.nan])))
+
+
+def test_holm_is_the_published_procedure() -> None:
+    """By hand: the least of four times 4, the next times 3, and never below the one before; NaN is no comparison."""
+    corrected = holm(np.array([0.01, 0.04, 0.03, np.nan, 0.005, 0.9]))
+    np.testing.assert_allclose(corrected, [0.04, 0.09, 0.09, np.nan, 0.025, 0.9])
+
+
+def test_the_critical_difference_is_the_published_one() -> None:
+    """Demšar 2006, table 5: q.05 is 1.960 for two, 2.728 for five and 3.164 for ten."""
+    for trackers, quantile in ((2, 1.960), (5, 2.728), (10, 3.164)):
+        expected = quantile * np.sqrt(trackers * (trackers + 1) / (6 * 14))
+        assert critical_difference(trackers, 14) == pytest.approx(expected, abs=1e-3)
+    assert np.isnan(critical_difference(1, 14))
 
 
 def test_what_cannot_be_known_is_nan() -> None:

@@ -24,6 +24,7 @@ from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun, Traject
 from eval.sequences import Sequence
 from eval.statistics import (
     differences,
+    mean_ranks,
     median_known,
     overall,
     per_attribute,
@@ -142,7 +143,7 @@ def test_a_folder_without_results_is_said(tmp_path: Path) -> None:
 def pairs_of(scores: dict[str, list[float]]) -> pd.DataFrame:
     """Per-sequence table from bare scores."""
     rows = [
-        {"tracker": tracker, "sequence": f"s{index}", "mean_iou": value}
+        {"tracker": tracker, "sequence": f"s{index}", "scene": f"s{index}", "mean_iou": value}
         for tracker, values in scores.items()
         for index, value in enumerate(values)
     ]
@@ -189,11 +190,56 @@ def test_many_comparisons_have_wider_intervals() -> None:
     assert many["difference"].to_numpy() == pytest.approx(one["difference"])
 
 
+def test_sequences_of_one_scene_are_one_proof() -> None:
+    """A lead on six sequences of one camera is a lead in one scene: nothing is known of others."""
+    own, other = [0.9, 0.8, 0.7, 0.9, 0.8, 0.7, 0.6], [0.5, 0.4, 0.2, 0.5, 0.4, 0.3, 0.6]
+    pairs = pairs_of({"A": own, "B": other})
+    row = differences(pairs, "A").iloc[0]
+    assert (row["low"] > 0, row["scenes"], row["p"]) == (True, 7, pytest.approx(2 / 64))
+    pairs["scene"] = pairs["sequence"].where(pairs["sequence"] == "s6", "camera")
+    row = differences(pairs, "A").iloc[0]
+    assert (row["low"] < 0, row["scenes"], row["p"]) == (True, 2, 1.0)
+
+
+def test_p_values_are_corrected_for_their_number() -> None:
+    """Eight sequences that all say the same, three rivals: Holm takes three times 2/256, and all are equal."""
+    table = differences(pairs_of({"A": [0.9] * 8, **{name: [0.5] * 8 for name in "BCD"}}), "A")
+    assert table["p"].tolist() == pytest.approx([3 * 2 / 256] * 3)
+    alone = differences(pairs_of({"A": [0.9] * 8, **{name: [0.5] * 8 for name in "BCD"}}), "A", together=False)
+    assert alone["p"].tolist() == pytest.approx([2 / 256] * 3)
+
+
+def test_mean_ranks_say_what_chance_cannot() -> None:
+    """Ties share their rank, sequences of one scene have one, the oracle none; B and C are not told apart."""
+    count = 12
+    scores = {"A": [0.9] * count, "B": [0.5, 0.4] * 6, "C": [0.4, 0.5] * 6, "Oracle": [1.0] * count}
+    table, critical = mean_ranks(pairs_of(scores))
+    assert table["tracker"].tolist() == ["A", "B", "C"]
+    assert table["rank"].tolist() == [1.0, 2.5, 2.5]
+    assert critical == pytest.approx(2.343 * np.sqrt(3 * 4 / (6 * count)), abs=1e-3)
+    assert table["like"].tolist() == ["", "C", "B"]
+    one = pairs_of(scores).assign(scene="camera")
+    assert mean_ranks(one)[0]["like"].tolist() == ["B, C", "A, C", "A, B"]
+    assert mean_ranks(pairs_of({"A": [0.5], "B": [0.5]}))[0]["rank"].tolist() == [1.5, 1.5]
+
+
+def test_equal_trackers_are_rarely_told_apart() -> None:
+    """Of twelve trackers that differ by nothing, the farthest two are within the critical difference."""
+    rng = np.random.default_rng(23)
+    apart = 0
+    for _ in range(200):
+        table, critical = mean_ranks(pairs_of({f"T{k}": rng.uniform(size=20).tolist() for k in range(12)}))
+        apart += np.ptp(table["rank"]) >= critical
+    assert apart / 200 < 0.09
+
+
 def test_rates_of_ok_weigh_by_frames() -> None:
     """Ten invisible frames of one sequence count ten times as much as one of another."""
     from eval.metrics import METRICS
 
-    rows = pd.DataFrame([{"tracker": "A", "sequence": name, "failed": 0, "perturbed_iou": np.nan} for name in "xy"])
+    rows = pd.DataFrame(
+        [{"tracker": "A", "sequence": name, "scene": name, "failed": 0, "perturbed_iou": np.nan} for name in "xy"]
+    )
     rows = rows.assign(**dict.fromkeys(METRICS, 0.5)).assign(
         visible=[10.0, 10.0], invisible=[10.0, 1.0], covered=10.0
     )

@@ -185,7 +185,9 @@ FLOW_METHODS: dict[str, FlowMethod] = {
         _ours("solve"),
         ("hs_tracker_cv.flow", _NATIVE),
     ),
-    "hs-fast": FlowMethod("ours", "hs_tracker_cv HornSchunck('fast')", _ours("fast"), ("hs_tracker_cv.flow", _NATIVE)),
+    "hs-fast": FlowMethod(
+        "ours", "hs_tracker_cv HornSchunck('fast')", _ours("fast"), ("hs_tracker_cv.flow", _NATIVE)
+    ),
     "hs-default": FlowMethod(
         "ours", "hs_tracker_cv HornSchunck('default')", _ours("default"), ("hs_tracker_cv.flow", _NATIVE)
     ),
