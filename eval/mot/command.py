@@ -63,7 +63,7 @@ def main_mot(
     table = table.sort_values("HOTA", ascending=False)
     write_numbers(table, "overall", folder / "tables")
     text = pd.DataFrame({name: [_cell(value, name) for value in table[name]] for name in table.columns})
-    write_table(text, "overall", folder / "tables")
+    write_table(text, "overall", folder / "tables", caption=f"Several objects: trackers on {name}.", rivals="rows")
     objects = sum(map(len, truths.values()))
     _console.print(console_table(text, f"{name}: {len(specs)} sequences, {objects} objects", bold="AutomaticTracker"))
     _console.print(f"boxes are owed while at least {OWED:.0%} of an object is seen; files: {folder.resolve()}")
