@@ -15,11 +15,13 @@ if TYPE_CHECKING:
     from . import legacy
     from .automatic import AutomaticTracker
     from .detection import MotionDetector
+    from .display import draw
     from .flow import HornSchunck
     from .frames import InputError
     from .geometry import Box
     from .multi import MultiTrackerHS, MultiTrackerHS_create
     from .params import TrackerHS_Params
+    from .stages import PaperMethod
     from .tracker import TrackerHS, TrackerHS_create
 
 __version__ = "0.1.0"
@@ -32,9 +34,11 @@ _HOMES = {
     "MotionDetector": "detection",
     "MultiTrackerHS": "multi",
     "MultiTrackerHS_create": "multi",
+    "PaperMethod": "stages",
     "TrackerHS": "tracker",
     "TrackerHS_Params": "params",
     "TrackerHS_create": "tracker",
+    "draw": "display",
 }
 
 __all__ = [
@@ -45,10 +49,12 @@ __all__ = [
     "MotionDetector",
     "MultiTrackerHS",
     "MultiTrackerHS_create",
+    "PaperMethod",
     "TrackerHS",
     "TrackerHS_Params",
     "TrackerHS_create",
     "__version__",
+    "draw",
     "legacy",
 ]
 

@@ -25,12 +25,15 @@ from .geometry import Box
 __all__ = [
     "PANELS",
     "FlowFields",
+    "draw",
     "draw_box",
     "draw_boxes",
+    "draw_fields",
     "draw_layers",
     "draw_panel",
     "flow_colours",
     "nice_scale",
+    "png",
     "render_panels",
     "signed_colours",
     "tile_panels",
@@ -432,6 +435,68 @@ _DRAWN: dict[str, Callable[[StageFields, tuple[int, int]], tuple[Picture, str]]]
     "segmentation": _draw_segmentation,
     "corners": _draw_corners,
 }
+
+
+@fixed_errstate
+def draw(
+    stages: StageFields, panels: Sequence[str] = tuple(PANELS), *, width: int = 320, columns: int = 4
+) -> Picture:
+    """The paper's method on two frames as one picture: the panels of its window, each with its step.
+
+    Parameters
+    ----------
+    stages : StageFields
+        The result of :meth:`PaperMethod.calc <hs_tracker_cv.PaperMethod.calc>`.
+    panels : sequence of str
+        At least one of frame, Fx, Fy, Ft, arrows, colours, normal, threshold, segmentation and corners.
+    width : int
+        Of one panel, px.
+    columns : int
+        Most panels in a row.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), uint8
+        BGR, for ``cv2.imwrite``.
+
+    Raises
+    ------
+    ValueError
+        If there is no such panel, or none is asked for.
+    """
+    if not panels:
+        raise ValueError(f"expected at least one of {', '.join(PANELS)}, got none")
+    pictures = [draw_panel(name, stages, width=width)[0] for name in panels]
+    return tile_panels(
+        [(*PANELS[name], picture) for name, picture in zip(panels, pictures, strict=True)], columns=columns
+    )
+
+
+@fixed_errstate
+def draw_fields(fields: FlowFields, *, width: int = 320) -> Picture:
+    """What a tracker saw in its window, or the detector in the frame, without the frame itself.
+
+    Parameters
+    ----------
+    fields : FlowFields
+        The result of ``TrackerHS.debug()`` or ``MotionDetector.fields``.
+    width : int
+        Of one panel, px.
+
+    Returns
+    -------
+    ndarray, shape (H, W, 3), uint8
+    """
+    height, columns = fields.current.shape
+    size = (width, max(round(width * height / columns), 1))
+    tiles = [_tile(_gray_to_bgr(fields.current), size, "Window"), *_field_tiles(fields, None, "tracking", size)]
+    rows = [_beside(tiles[start : start + COLUMNS]) for start in range(0, len(tiles), COLUMNS)]
+    return np.vstack([*rows, np.full((GAP, rows[0].shape[1], 3), CANVAS, np.uint8)])
+
+
+def png(picture: Picture) -> bytes:
+    """Encode a picture, as Jupyter shows it."""
+    return cv2.imencode(".png", picture)[1].tobytes()
 
 
 @fixed_errstate

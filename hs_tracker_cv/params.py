@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, Literal, get_args
 
 __all__ = ["MODES", "TrackerHS_Params"]
 
-MODES = ("auto", "layers", "propagation")
+Mode = Literal["auto", "layers", "propagation"]
+MODES: tuple[Mode, ...] = get_args(Mode)
 """Values of `TrackerHS_Params.mode`."""
 
-_TYPES: dict[str, type | tuple[type, ...]] = {"str": str, "bool": bool, "float | None": (int, float, type(None))}
+_TYPES: dict[str, tuple[str, type | tuple[type, ...]]] = {
+    "Mode": ("str", str),
+    "bool": ("bool", bool),
+    "float | None": ("float | None", (int, float, type(None))),
+}
+"""By the annotation of a field: what it is called, and what it may be."""
 
 
 @dataclass(slots=True)
@@ -45,7 +51,7 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
     True
     """
 
-    mode: str = "auto"
+    mode: Mode = "auto"
     rotation: bool = False
     gain: float | None = None
 
@@ -53,9 +59,9 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
         kinds = {field.name: str(field.type) for field in fields(self)}
         if name not in kinds:
             raise AttributeError(f"TrackerHS_Params has no field {name!r}; its fields are {', '.join(kinds)}")
-        expected = _TYPES[kinds[name]]
+        called, expected = _TYPES[kinds[name]]
         if not isinstance(value, expected) or (isinstance(value, bool) and expected is not bool):
-            raise TypeError(f"expected {name} to be {kinds[name]}, got {value!r}")
+            raise TypeError(f"expected {name} to be {called}, got {value!r}")
         _check_range(name, value)
         object.__setattr__(self, name, value)
 

@@ -170,6 +170,12 @@ class Stages:
         # A pixel's area begins at its number: its centre is half a pixel further.
         return np.asarray((points + 0.5) * self.step - 0.5, np.float32)
 
+    def _repr_png_(self) -> bytes:
+        """All panels, in Jupyter."""
+        from .display import draw, png
+
+        return png(draw(self))
+
 
 class PaperMethod:
     """Carries out the stages on pairs of frames; keeps the memory it works in, so use one per thread.

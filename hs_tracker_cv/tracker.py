@@ -108,6 +108,12 @@ class TrackerDebug:
     mask: NDArray[np.bool_] | None
     choice: Choice
 
+    def _repr_png_(self) -> bytes:
+        """Its panels, in Jupyter."""
+        from .display import draw_fields, png
+
+        return png(draw_fields(self))
+
 
 @dataclass(frozen=True)
 class _Seen:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from hs_tracker_cv import HornSchunck, PaperMethod, TrackerHS, draw
 from hs_tracker_cv.display import draw_box, flow_colours, nice_scale, render_panels, signed_colours
 from hs_tracker_cv.geometry import Box
 
@@ -144,3 +146,34 @@ def test_mask_panel_lights_the_mask() -> None:
     left, right = picture[row, 3 * quarter + quarter // 5, 0], picture[row, 3 * quarter + quarter * 4 // 5, 0]
     assert left > 190
     assert right < 120
+
+
+def test_draw_shows_the_panels_asked_for() -> None:
+    """In a grid, each of the width asked for; misspelt ones are refused, and so is none."""
+    frames = [np.full((48, 64), 60, np.uint8) for _ in range(2)]
+    frames[0][20:30, 20:30], frames[1][20:30, 22:32] = 200, 200
+    stages = PaperMethod().calc(*frames)
+    one = draw(stages, ["Fx"], width=100)
+    two = draw(stages, ["Fx", "normal"], width=100, columns=2)
+    assert two.shape[0] == one.shape[0]
+    assert two.shape[1] > 1.9 * 100
+    assert draw(stages, ["Fx", "normal"], width=100, columns=1).shape[0] > 1.9 * one.shape[0] - 20
+    with pytest.raises(ValueError, match="got 'Fz'"):
+        draw(stages, ["Fz"])
+    with pytest.raises(ValueError, match="got none"):
+        draw(stages, [])
+
+
+def test_results_display_themselves_in_jupyter() -> None:
+    """As PNG, which decodes to a picture in which something is drawn."""
+    rng = np.random.default_rng(3)
+    frames = [rng.integers(0, 255, (64, 96, 3), dtype=np.uint8)]
+    frames.append(np.roll(frames[0], 1, axis=1))
+    tracker = TrackerHS()
+    tracker.init(frames[0], (30, 20, 24, 24))
+    tracker.update(frames[1])
+    solver = HornSchunck()
+    solver.estimate(frames[0])
+    for result in (PaperMethod().calc(*frames), tracker.debug(), solver.estimate(frames[1])):
+        data = np.frombuffer(result._repr_png_(), np.uint8)
+        assert cv2.imdecode(data, cv2.IMREAD_COLOR).std() > 5.0

@@ -58,6 +58,12 @@ class FlowField:
         """Length, (H, W), px per frame."""
         return np.asarray(np.hypot(self.Vx, self.Vy), np.float32)
 
+    def _repr_png_(self) -> bytes:
+        """Directions as hues, speeds as saturation, in Jupyter."""
+        from ..display import flow_colours, nice_scale, png
+
+        return png(flow_colours(self.flow, nice_scale(self.Magnitude, floor=0.5)))
+
     def plot(self, ax: Any = None, *, decimation: int = 8, scale: float = 1.0) -> Any:
         """Draw the flow as arrows with matplotlib, which this alone needs.
 
