@@ -1,7 +1,7 @@
 """Runs trackers on sequences, each pair in a process of its own.
 
-The one place that decides what a tracker gets to see: one frame after another, and the first box as whole numbers.
-The truth stays in this process.
+A tracker gets to see one frame after another, and its start box as whole numbers; a protocol
+(:mod:`eval.protocols`) decides which. The truth stays in this process.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from typing import Any
 
 import joblib
 import numpy as np
+from numpy.typing import NDArray
 
 from .framesource import FrameSourceError
 from .process import CancelledError, Child, ChildError, KilledError, Limits, isolation
+from .protocols import ONE_PASS, Box, Protocol, Step
 from .results import COMPLETED, Folder, ResultsError, Run, Trajectory, provenance
 from .sequences import Sequence
-from .track import whole_box
 from .trackers import TrackerSpec, code_version
 
 __all__ = [
@@ -33,15 +34,11 @@ __all__ = [
     "open_request",
     "run_jobs",
     "run_one",
-    "start_box",
     "with_parameters",
 ]
 
 TRACK = "eval.track:Track"
 """The service that a tracker's process runs."""
-
-PERTURBATION = 0.1
-"""Largest change of a perturbed start box, in box sizes: position and size alike."""
 
 ATTEMPTS = 3
 """Processes that are started for one job if each is killed from outside: the last one is the tracker's fault."""
@@ -51,32 +48,50 @@ _PROTOCOL = "2"  # part of every key of a run: raise it when what a tracker is g
 
 @dataclass(frozen=True)
 class Job:
-    """One tracker on one sequence from one start box.
+    """One tracker on one sequence from one start.
 
     Parameters
     ----------
     tracker : TrackerSpec
     sequence : Sequence
     start : int, optional
-        0 is the exact box, others are perturbed.
+        Number among the starts of the protocol; in one pass 0 is the exact box, others are perturbed.
     repeat : int, optional
+    protocol : Protocol, optional
     """
 
     tracker: TrackerSpec
     sequence: Sequence
     start: int = 0
     repeat: int = 0
+    protocol: Protocol = ONE_PASS
 
     def key(self, version: str) -> str:
         """Hash of all that the trajectory depends on; `version` is what ``code_version(tracker)`` gives."""
-        parts = (_PROTOCOL, version, self.sequence.name, self.sequence.digest, str(self.start), str(self.repeat))
+        led = () if self.protocol.key == ONE_PASS.key else (self.protocol.key,)
+        what = (self.sequence.name, self.sequence.digest, str(self.start), str(self.repeat))
+        parts = (_PROTOCOL, version, *what, *led)
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
 
 
-def make_jobs(trackers: Iterable[TrackerSpec], sequences: Iterable[Sequence], *, starts: int = 0) -> list[Job]:
-    """Every pair from the exact box, `repeats` times, and from `starts` perturbed boxes.
+def make_jobs(
+    trackers: Iterable[TrackerSpec],
+    sequences: Iterable[Sequence],
+    *,
+    starts: int = 0,
+    protocol: Protocol = ONE_PASS,
+) -> list[Job]:
+    """Every run of a protocol: each pair from the first start `repeats` times, and from each other start once.
 
     Sequence by sequence, so that an early look at the results compares trackers on the same ones.
+
+    Parameters
+    ----------
+    trackers : iterable of TrackerSpec
+    sequences : iterable of Sequence
+    starts : int, optional
+        Perturbed start boxes besides those of the protocol.
+    protocol : Protocol, optional
     """
     trackers = list(trackers)
     return [
@@ -84,28 +99,10 @@ def make_jobs(trackers: Iterable[TrackerSpec], sequences: Iterable[Sequence], *,
         for sequence in sequences
         for tracker in trackers
         for job in (
-            *(Job(tracker, sequence, 0, repeat) for repeat in range(tracker.repeats)),
-            *(Job(tracker, sequence, start) for start in range(1, starts + 1)),
+            *(Job(tracker, sequence, 0, repeat, protocol) for repeat in range(tracker.repeats)),
+            *(Job(tracker, sequence, start, 0, protocol) for start in range(1, protocol.runs(sequence) + starts)),
         )
     ]
-
-
-def start_box(sequence: Sequence, start: int) -> tuple[int, int, int, int]:
-    """Box that a tracker is given on frame 0: whole pixels inside the frame.
-
-    Parameters
-    ----------
-    sequence : Sequence
-    start : int
-        0 for the exact box; otherwise the number of the perturbation: up to ±10 % of the size in position and size,
-        the same for every tracker.
-    """
-    x, y, w, h = (float(value) for value in sequence.boxes[0])
-    if start:
-        seed = hashlib.sha256(f"{sequence.name}\0{start}".encode()).digest()
-        dx, dy, dw, dh = np.random.default_rng(list(seed)).uniform(-PERTURBATION, PERTURBATION, 4)
-        x, y, w, h = x + (dx - dw / 2) * w, y + (dy - dh / 2) * h, w * (1 + dw), h * (1 + dh)
-    return whole_box((x, y, w, h), sequence.size)
 
 
 def run_jobs(
@@ -169,7 +166,7 @@ def run_jobs(
 
 
 def _stored(job: Job, key: str, folder: Folder) -> tuple[Run | None, str]:
-    path = folder.run_path(job.tracker.name, job.sequence.name, job.start, job.repeat)
+    path = folder.run_path(job.tracker.name, job.sequence.name, job.start, job.repeat, job.protocol.key)
     if not path.exists():
         return None, ""
     try:
@@ -221,7 +218,7 @@ def run_one(
     limits = limits or Limits()
     hidden = hidden_paths(job.sequence, results)
     for attempt in range(1, ATTEMPTS + 1):
-        answers = _Answers()
+        answers = _Answers(len(job.sequence))
         try:
             _follow(job, answers, limits, hidden, stop)
         except KilledError as error:
@@ -238,32 +235,63 @@ def run_one(
 class _Answers:
     """What a tracker has answered so far, and why it answers no more."""
 
-    def __init__(self) -> None:
+    def __init__(self, count: int) -> None:
         self.started = False
-        self.updates: list[dict[str, Any]] = []
+        self.reached = 0  # frames that are done with
+        self.trajectory = Trajectory(np.zeros(count, dtype=bool), np.full((count, 4), np.nan), np.full(count, np.nan))
+        self.marks: dict[str, list[int]] = {}
         self.reason = ""
+
+    def take(self, index: int, ok: bool, box: Iterable[float], score: float) -> None:
+        """Take down what was answered for a frame."""
+        self.trajectory.ok[index], self.trajectory.boxes[index], self.trajectory.score[index] = ok, tuple(box), score
+        self.reached = index + 1
+
+
+class _Walk:
+    """A tracker in a child process, led by a protocol (:class:`eval.protocols.Walk`)."""
+
+    def __init__(self, child: Child, job: Job, answers: _Answers, limits: Limits) -> None:
+        self._child, self._job, self._answers = child, job, answers
+        self._left = limits.seconds
+        self._seconds = 0.0
+
+    def begin(self, index: int, frame: NDArray[Any], box: Box) -> float:
+        self._ask(open_request(self._job, index))
+        self._ask({"do": "frame"}, frame)
+        self._ask({"do": "init", "box": box})
+        self._answers.started = True
+        self._answers.take(index, True, box, np.nan)
+        self.mark("started", index)
+        return self._seconds
+
+    def step(self, index: int, frame: NDArray[Any]) -> Step:
+        self._ask({"do": "frame"}, frame)
+        answer = _checked(self._ask({"do": "update"}))
+        self._answers.take(index, **answer)
+        return Step(answer["ok"], answer["box"], self._seconds)
+
+    def hold(self, index: int) -> None:
+        last = self._answers.trajectory
+        self._answers.take(index, bool(last.ok[index - 1]), last.boxes[index - 1], float(last.score[index - 1]))
+
+    def mark(self, name: str, index: int) -> None:
+        self._answers.marks.setdefault(name, []).append(index)
+
+    def _ask(self, content: Mapping[str, Any], *arrays: Any) -> dict[str, Any]:
+        begin = perf_counter()
+        try:
+            answer = self._child.ask(content, arrays, seconds=max(self._left, 0.0))
+        finally:
+            self._left -= perf_counter() - begin
+        self._seconds = answer.wall if np.isnan(answer.cpu) else answer.cpu
+        return answer.content
 
 
 def _follow(job: Job, answers: _Answers, limits: Limits, hidden: list[Path], stop: threading.Event | None) -> None:
-    left = limits.seconds
-    frames = iter(job.sequence.frames)
     with Child(TRACK, with_parameters(limits, job.tracker), hidden=hidden, stop=stop) as child:
-
-        def ask(content: Mapping[str, Any], *arrays: Any) -> dict[str, Any]:
-            nonlocal left
-            begin = perf_counter()
-            try:
-                return child.ask(content, arrays, seconds=max(left, 0.0)).content
-            finally:
-                left -= perf_counter() - begin
-
-        ask(open_request(job))
-        ask({"do": "frame"}, next(frames))
-        ask({"do": "init", "box": start_box(job.sequence, job.start)})
-        answers.started = True
-        for frame in frames:
-            ask({"do": "frame"}, frame)
-            answers.updates.append(_checked(ask({"do": "update"})))
+        begin = job.protocol.begin(job.sequence, job.start)
+        job.protocol.lead(_Walk(child, job, answers, limits), job.sequence, begin)
 
 
 def _checked(answer: Mapping[str, Any]) -> dict[str, Any]:
@@ -283,28 +311,30 @@ def with_parameters(limits: Limits, tracker: TrackerSpec) -> Limits:
     return replace(limits, paths=(*limits.paths, *(value for value in named if os.path.exists(value))))
 
 
-def open_request(job: Job) -> dict[str, Any]:
-    """Request that makes a tracker; the truth is in it only for a test double that asks for it."""
+def open_request(job: Job, first: int = 0) -> dict[str, Any]:
+    """Request that makes a tracker; the truth from frame `first` on is in it only for a test double that asks."""
     params = dict(job.tracker.params)
     if job.tracker.sees_truth:
         sequence = job.sequence
         params["boxes"] = [
             list(box) if visible > 0 and np.isfinite(box).all() else None
-            for box, visible in zip(sequence.boxes.tolist(), sequence.visibility.tolist(), strict=True)
+            for box, visible in zip(
+                sequence.boxes[first:].tolist(), sequence.visibility[first:].tolist(), strict=True
+            )
         ]
     return {"do": "open", "factory": job.tracker.factory, "params": params}
 
 
 def _as_run(job: Job, key: str, answers: _Answers, stamp: Mapping[str, Any]) -> Run:
-    count = len(job.sequence)
-    trajectory = Trajectory(np.zeros(count, dtype=bool), np.full((count, 4), np.nan), np.full(count, np.nan))
-    trajectory.ok[0], trajectory.boxes[0] = True, start_box(job.sequence, job.start)
-    for frame, answer in enumerate(answers.updates, start=1):
-        trajectory.ok[frame] = answer["ok"]
-        trajectory.boxes[frame] = answer["box"]
-        trajectory.score[frame] = answer["score"]
-    where = f" at frame {len(answers.updates) + 1}" if answers.started else " in init"
-    status = f"{answers.reason}{where}" if answers.reason else _find_nonsense(trajectory, job.sequence.size)
+    if not answers.started:
+        # Where it should have started, it counts as started.
+        first, box = job.protocol.begin(job.sequence, job.start)
+        answers.take(first, True, box, np.nan)
+        answers.marks["started"] = [first]
+    if answers.reason:
+        answers.marks.setdefault("failed", []).append(answers.reached)
+    where = f" at frame {answers.reached}" if answers.started else " in init"
+    status = f"{answers.reason}{where}" if answers.reason else _find_nonsense(answers.trajectory, job.sequence.size)
     details = {
         **stamp,
         "tracker": job.tracker.factory,
@@ -318,8 +348,10 @@ def _as_run(job: Job, key: str, answers: _Answers, stamp: Mapping[str, Any]) -> 
         start=job.start,
         repeat=job.repeat,
         status=status or COMPLETED,
-        trajectory=trajectory,
+        trajectory=answers.trajectory,
         provenance=details,
+        protocol=job.protocol.key,
+        marks={} if job.protocol.key == ONE_PASS.key else answers.marks,
     )
 
 

@@ -14,6 +14,8 @@ from .datasets import load_dataset
 from .options import Dataset, Datasets, Jobs, Only, Out, Paths, Suite, SuiteName, Suites, Trackers, listed
 from .process import Limits
 from .progress import Steps, make_console
+from .protocol_tables import protocol_tables
+from .protocols import ONE_PASS, Protocol, find_protocol
 from .report import write_figures, write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
 from .sequences import Sequence, canonical_suite, load_suite, suite_folder
@@ -24,6 +26,8 @@ from .tables import (
     failure_table,
     format_cell,
     overall_table,
+    protocol_text,
+    protocol_title,
     sequence_table,
     speed_overall_text,
     speed_text,
@@ -52,6 +56,7 @@ def run(
     timeout: float = 300.0,
     memory: float = 2048.0,
     processes: int = 64,
+    protocol: str = ONE_PASS.name,
     starts: int = 0,
     frames: int | None = None,
     retry_failed: bool = False,
@@ -68,17 +73,27 @@ def run(
         Megabytes for one tracker, with all processes that it starts.
     processes
         How many those may be at a time.
+    protocol
+        one-pass, sre, tre, restarts, realtime (20 frames a second), realtime:FPS or long-term.
     starts
-        Besides the exact start box, so many perturbed by up to ±10 %.
+        In one pass: besides the exact start box, so many perturbed by up to ±10 %.
     frames
         Only the first so many of each sequence.
     retry_failed
         Run those again that failed before.
     """
     specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
+    led = find_protocol(protocol)
+    if starts and led is not ONE_PASS:
+        raise ValueError(f"expected --starts with --protocol {ONE_PASS.name}, got it with {protocol}")
     folder, found = _open(out, suite, dataset, sequences, frames=frames)
-    _run_with_progress(specs, found, folder, jobs, Limits(timeout, memory, processes, paths), starts, retry_failed)
-    _print_summary(folder, [spec.name for spec in specs])
+    limits = Limits(timeout, memory, processes, paths)
+    _run_with_progress(specs, found, folder, jobs, limits, starts, retry_failed, led)
+    names = [spec.name for spec in specs]
+    if led is ONE_PASS:
+        _print_summary(folder, names)
+    else:
+        _print_protocol(folder, names, led)
 
 
 def speed(
@@ -307,8 +322,9 @@ def _run_with_progress(
     limits: Limits,
     starts: int,
     retry_failed: bool,
+    protocol: Protocol = ONE_PASS,
 ) -> None:
-    jobs = make_jobs(specs, sequences, starts=starts)
+    jobs = make_jobs(specs, sequences, starts=starts, protocol=protocol)
     with Steps(_console, f"{len(specs)} trackers × {len(sequences)} sequences", len(jobs)) as steps:
 
         def done(finished: Run, reused: bool, note: str) -> None:
@@ -349,6 +365,13 @@ def _details(summary: Summary) -> list[tuple[pd.DataFrame, str]]:
         (theme_table(summary), f"mean IoU per theme of {summary.source}"),
         (worst_table(summary), f"worst of {summary.chosen}"),
     ]
+
+
+def _print_protocol(folder: Folder, trackers: list[str], protocol: Protocol) -> None:
+    runs = [run for run in (*folder.read_runs(), *folder.read_protocol_runs()) if run.tracker in trackers]
+    tables = protocol_tables(runs, folder.read_sequences())
+    name = protocol.key if protocol.key in tables else protocol.name
+    _console.print(console_table(protocol_text(tables[name]), protocol_title(name)))
 
 
 def _print_summary(folder: Folder, trackers: list[str]) -> None:

@@ -17,9 +17,9 @@ _ROWS = 40
 """Most rows of one table: what is longer goes on in the next one."""
 
 _LONG_TEXT = 44  # characters from which on a cell is a paragraph
-_UNRATED = {"n", "sequences", "frames", "won", "even", "lost"}
+_UNRATED = {"n", "sequences", "frames", "runs", "won", "even", "lost", "score ≥"}
 _LOWER = {metric.title for metric in METRICS.values() if metric.better == "lower"} | {
-    "p95 ms", "failed", "ECE", "sure, wrong", "failures", "failures / 100", "frames dropped",
+    "p95 ms", "failed", "ECE", "sure, wrong", "R (failures)", "failures / 100", "frames dropped",
 }  # fmt: skip
 _TEST_DOUBLE = "Oracle"  # it is no rival
 

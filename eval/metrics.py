@@ -11,7 +11,8 @@ Conventions
   visible ones with ``ok=False``, whatever the box; *True far off* is the share of the visible ones with ``ok=True``
   and an IoU below 0.1.
 * The success curve is the share of frames with IoU ≥ t, and with IoU > 0 at t = 0: a perfect tracker scores 1 at
-  every threshold and an absent one 0. Its AUC (trapezium rule, 101 thresholds) therefore reaches exactly 1.
+  every threshold and an absent one 0. Its AUC (trapezium rule, 101 thresholds) therefore reaches exactly 1. With
+  ever more thresholds it becomes the mean IoU.
 * Distances: precision counts those ≤ 20 px; normalised precision divides by the size of the reference box and counts
   those ≤ 0.2, which is LaSOT's value.
 * Columns that end in *(OTB)* and *(GOT-10k)* count as these toolkits do. Both hold the last box in a frame answered
@@ -90,6 +91,7 @@ METRICS: dict[str, Metric] = {
     "normalised_precision": Metric("norm. P@0.2", "", "higher"),
     "ao_got10k": Metric("AO (GOT-10k)", "", "higher", weight="covered"),
     "sr50_got10k": Metric("SR@0.5 (GOT-10k)", "", "higher", weight="covered"),
+    "sr75_got10k": Metric("SR@0.75 (GOT-10k)", "", "higher", weight="covered"),
     "false_true": Metric("false True", "", "lower", weight="invisible"),
     "false_false": Metric("false False", "", "lower", weight="visible"),
     "true_off": Metric("True far off", "", "lower", weight="visible"),
@@ -323,5 +325,6 @@ def summarise(scores: FrameScores) -> dict[str, float]:
     if got10k.any():
         found["ao_got10k"] = float(scores.got10k_iou[got10k].mean())
         found["sr50_got10k"] = _share(scores.got10k_iou[got10k] > 0.5)
+        found["sr75_got10k"] = _share(scores.got10k_iou[got10k] > 0.75)
     counts = visible.sum(), scores.invisible.sum(), got10k.sum()
     return {**found, **{name: float(count) for name, count in zip(COUNTS, counts, strict=True)}}

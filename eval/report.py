@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from . import metrics
+from . import metrics, protocols
 from .framesource import FrameSourceError
 from .metrics import METRICS
 from .overlay import contact_sheet, encode_jpeg, write_video
@@ -36,6 +36,8 @@ from .tables import (
     difference_table,
     failure_table,
     overall_table,
+    protocol_text,
+    protocol_title,
     rank_table,
     ranks_caption,
     sequence_table,
@@ -97,6 +99,8 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "differences": difference_table(summary),
         "ranks": rank_table(summary) if np.isfinite(summary.critical) else (),
         "ranks_caption": ranks_caption(summary),
+        "protocols": [(protocol_title(name), protocol_text(table)) for name, table in summary.protocols.items()],
+        "led": _conventions(protocols.__doc__ or "", "frames.\n\n"),
         "attributes": attribute_table(summary),
         "themes": theme_table(summary),
         "worst": worst_table(summary),
@@ -110,7 +114,7 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "pictures": _pictures(summary, videos),
         "origin": origin,
         "provenance": provenance,
-        "conventions": _conventions(),
+        "conventions": _conventions(metrics.__doc__ or "", "-----------\n"),
         "units": {metric.title: metric.better for metric in METRICS.values()},
         "low_quantile": f"{100 * LOW_QUANTILE:g}",
         "sure": f"{SURE:g}",
@@ -184,9 +188,9 @@ def _colours(summary: Summary) -> dict[str, str]:
     return {name: colour_of(name, names, summary.chosen) for name in names}
 
 
-def _conventions() -> list[str]:
-    """The list of the conventions, as the docstring that the code obeys has it; HTML."""
-    lines = re.split(r"^\* ", (metrics.__doc__ or "").partition("-----------\n")[2], flags=re.MULTILINE)[1:]
+def _conventions(text: str, after: str) -> list[str]:
+    """The list in the docstring that the code obeys, as HTML."""
+    lines = re.split(r"^\* ", text.partition(after)[2], flags=re.MULTILINE)[1:]
     return [_from_rst(" ".join(line.split())) for line in lines]
 
 

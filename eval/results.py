@@ -5,11 +5,12 @@ A folder of results, one per suite or data set::
     run.json                          the sequences of the last run, in order, and where they came from
     sequences/NAME.json               truth: a report needs nothing but this folder
     tracks/TRACKER/NAME.s0r0.json     one run: start box 0 (the exact one), repeat 0
+    protocols/PROTOCOL/TRACKER/…      the same, of a protocol other than one pass
     speed/NAME.json                   the timing pass on one sequence, all trackers
     flow/METHOD/PAIR.json             one flow method on one pair of frames
 
-Each run carries a key, the hash of tracker, parameters, code, sequence, start and repeat. A file whose key is not the
-expected one is stale and is written anew.
+Each run carries a key, the hash of tracker, parameters, code, sequence, start, repeat and protocol. A file whose key
+is not the expected one is stale and is written anew.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ from .sequences import Sequence
 __all__ = ["COMPLETED", "FlowResult", "Folder", "ResultsError", "Run", "SpeedRun", "Trajectory", "provenance"]
 
 _FORMAT = 1  # of the files; raise it when an older reader would misread them
+
+_ONE_PASS = "one-pass"  # the protocol of results that name none
 
 COMPLETED = "completed"
 """Status of a run that went through all frames."""
@@ -66,7 +69,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Run:
-    """One tracker on one sequence from one start box.
+    """One tracker on one sequence from one start.
 
     Parameters
     ----------
@@ -75,12 +78,16 @@ class Run:
     tracker, sequence : str
         Names.
     start, repeat : int
-        Start box (0 is the exact one) and number of the repetition.
+        Number of the start (in one pass 0 is the exact box) and of the repetition.
     status : str
         :data:`COMPLETED`, or why it did not go through.
     trajectory : Trajectory
     provenance : mapping
         Code version, parameters, machine, versions, time.
+    protocol : str
+        How the tracker was led.
+    marks : mapping of str to list of int
+        Frames at which the protocol did something: "started", "failed", "dropped".
     """
 
     key: str
@@ -91,6 +98,8 @@ class Run:
     status: str
     trajectory: Trajectory
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    protocol: str = _ONE_PASS
+    marks: Mapping[str, list[int]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -235,13 +244,15 @@ class Folder:
         except (KeyError, TypeError, ValueError) as error:
             raise self._corrupt(path, error) from error
 
-    def run_path(self, tracker: str, sequence: str, start: int, repeat: int) -> Path:
+    def run_path(self, tracker: str, sequence: str, start: int, repeat: int, protocol: str = _ONE_PASS) -> Path:
         """File of one run."""
-        return self.path / "tracks" / _slug(tracker) / f"{_slug(sequence)}.s{start}r{repeat}.json"
+        home = self.path / "tracks" if protocol == _ONE_PASS else self.path / "protocols" / _slug(protocol)
+        return home / _slug(tracker) / f"{_slug(sequence)}.s{start}r{repeat}.json"
 
     def write_run(self, run: Run) -> None:
         """Store one run; whole or not at all."""
-        self._write(self.run_path(run.tracker, run.sequence, run.start, run.repeat), _run_to_json(run))
+        path = self.run_path(run.tracker, run.sequence, run.start, run.repeat, run.protocol)
+        self._write(path, _run_to_json(run))
 
     def read_run(self, path: Path) -> Run:
         """Read one run.
@@ -258,9 +269,16 @@ class Folder:
             raise self._corrupt(path, error) from error
 
     def read_runs(self) -> list[Run]:
-        """Every stored run of the sequences of the last run, by tracker and sequence."""
+        """Every stored run in one pass of the sequences of the last run, by tracker and sequence."""
+        return self._read_runs("tracks/*/*.json")
+
+    def read_protocol_runs(self) -> list[Run]:
+        """Every stored run of other protocols than one pass, of the sequences of the last run."""
+        return self._read_runs("protocols/*/*/*.json")
+
+    def _read_runs(self, pattern: str) -> list[Run]:
         wanted = {_slug(name) for name in self.read_manifest()["sequences"]}
-        paths = sorted((self.path / "tracks").glob("*/*.json"))
+        paths = sorted(self.path.glob(pattern))
         return [self.read_run(path) for path in paths if path.name.rsplit(".", 2)[0] in wanted]
 
     def speed_path(self, sequence: str) -> Path:
@@ -354,6 +372,7 @@ def _run_to_json(run: Run) -> dict[str, Any]:
         "ok": trajectory.ok.astype(int).tolist(),
         "boxes": [_numbers(box) for box in trajectory.boxes],
         "score": _numbers(trajectory.score),
+        **({} if run.protocol == _ONE_PASS else {"protocol": run.protocol, "marks": dict(run.marks)}),
     }
 
 
@@ -365,7 +384,8 @@ def _run_from_json(data: dict[str, Any]) -> Run:
         raise ValueError(f"{len(ok)} flags, {len(boxes)} boxes and {len(score)} scores")
     trajectory = Trajectory(ok, boxes, score)
     names = ("key", "tracker", "sequence", "start", "repeat", "status", "provenance")
-    return Run(trajectory=trajectory, **{name: data[name] for name in names})
+    led = {name: data[name] for name in ("protocol", "marks") if name in data}
+    return Run(trajectory=trajectory, **{name: data[name] for name in names}, **led)
 
 
 def _sequence_to_json(sequence: Sequence) -> dict[str, Any]:

@@ -11,9 +11,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from .accuracy import ATTEMPTS, TRACK, Job, hidden_paths, open_request, start_box, with_parameters
+from .accuracy import ATTEMPTS, TRACK, Job, hidden_paths, open_request, with_parameters
 from .clock import Clock, UntrueTimeError
 from .process import Child, ChildError, KilledError, Limits, isolation
+from .protocols import start_box
 from .results import COMPLETED, Folder, ResultsError, SpeedRun, provenance
 from .sequences import Sequence
 from .trackers import TrackerSpec, code_version

@@ -16,6 +16,7 @@ from rich.table import Table
 from .intervals import median_interval
 from .latex import Rivals, latex_table
 from .metrics import METRICS
+from .protocol_tables import TITLES, protocol_tables
 from .results import Folder, ResultsError, SpeedRun
 from .sequences import Sequence
 from .statistics import (
@@ -38,6 +39,8 @@ __all__ = [
     "console_table",
     "format_cell",
     "overall_table",
+    "protocol_text",
+    "protocol_title",
     "rank_table",
     "ranks_caption",
     "speed_overall_text",
@@ -67,6 +70,8 @@ class Summary:
         See :mod:`eval.statistics`.
     critical : float
         Least difference of mean ranks that is none of chance.
+    protocols : mapping of str to DataFrame
+        See :mod:`eval.protocol_tables`.
     chosen : str
         The tracker that the differences are about.
     """
@@ -84,6 +89,7 @@ class Summary:
     themes: pd.DataFrame
     worst: pd.DataFrame
     speed: pd.DataFrame
+    protocols: Mapping[str, pd.DataFrame]
     chosen: str
 
 
@@ -107,6 +113,9 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
     runs = [run for run in folder.read_runs() if trackers is None or run.tracker in trackers]
     scored = score_frames(runs, sequences)
     scores = score_table(scored)
+    led = [run for run in folder.read_protocol_runs() if trackers is None or run.tracker in trackers]
+    if scores.empty and led:
+        raise ResultsError(f"no runs in one pass in {folder.path}: run `python -m eval run` without --protocol first")
     if scores.empty:
         raise ResultsError(f"no results in {folder.path} for the sequences of the last run")
     pairs = per_sequence(scores)
@@ -128,6 +137,7 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
         themes=per_theme(pairs, sequences, chosen),
         worst=worst_sequences(pairs, sequences, chosen),
         speed=speed,
+        protocols=protocol_tables([*runs, *led], sequences),
         chosen=chosen,
     )
 
@@ -166,14 +176,17 @@ _EXTRA_TITLES = {
 }
 _COLUMNS = (
     "mean_iou", "interval", "q05", "auc", "sr50", "sr75", "precision20", "normalised_precision", "auc_otb",
-    "precision_otb", "ao_got10k", "sr50_got10k",
+    "precision_otb", "ao_got10k", "sr50_got10k", "sr75_got10k",
 )  # fmt: skip
 _COLUMNS_AFTER = (
     "perturbed_iou", "false_true", "false_false", "true_off", "sure_wrong", "ece", "failed", "fps", "p95_ms", "ratio",
     "ratio_interval", "least",
 )  # fmt: skip
 _LONG_TEXT = 40
-_DIGITS = {"fps": 0, "p95_ms": 2, "ratio": 1, "least": 1, "failed": 0, "sequences": 0}
+_DIGITS = {
+    "fps": 0, "p95_ms": 2, "ratio": 1, "least": 1, "failed": 0, "sequences": 0, "runs": 0, "failures": 2,
+    "per_hundred": 2,
+}  # fmt: skip
 
 
 def format_cell(value: object, column: str = "") -> str:
@@ -206,6 +219,42 @@ def _interval_texts(low: pd.Series[float], high: pd.Series[float], digits: int) 
     if low.isna().all():
         return float("nan")
     return [f"{a:.{digits}f}–{b:.{digits}f}" if np.isfinite(a) else "–" for a, b in zip(low, high, strict=True)]
+
+
+def protocol_title(name: str) -> str:
+    """Heading of the table of a protocol."""
+    kind, _, rate = name.partition(":")
+    return TITLES[kind] + (f": {rate} frames a second" if rate else "")
+
+
+def protocol_text(table: pd.DataFrame) -> pd.DataFrame:
+    """Table of a protocol as text, with headings; columns in which nothing is known are left out."""
+    if "low" in table:
+        place = list(table.columns).index("mean_iou") + 1
+        texts = _interval_texts(table["low"], table["high"], 3)
+        table = table.drop(columns=["low", "high"])
+        table.insert(place, "interval", texts)
+    if "from" in table:
+        window = f"EAO [{table['from'].iloc[0]}–{table['to'].iloc[0]}]"
+        table = table.drop(columns=["from", "to"]).rename(columns={"eao": window})
+    titles = {name: metric.title for name, metric in METRICS.items()} | _EXTRA_TITLES | _PROTOCOL_TITLES
+    kept = [name for name in table.columns if table[name].notna().any()]
+    return _as_text(table[kept]).rename(columns=titles)
+
+
+_PROTOCOL_TITLES = {
+    "worst_start": "mean IoU, worst start",
+    "accuracy": "A",
+    "failures": "R (failures)",
+    "per_hundred": "failures / 100",
+    "dropped": "frames dropped",
+    "unhurried": "mean IoU, one pass",
+    "f": "F",
+    "precision": "Pr",
+    "recall": "Re",
+    "threshold": "score ≥",
+    "f_ok": "F of ok alone",
+}
 
 
 def sequence_table(summary: Summary) -> pd.DataFrame:
@@ -373,6 +422,10 @@ def write_tables(summary: Summary, folder: Path) -> list[Path]:
             "themes": (theme_table(summary), f"Mean IoU per theme of {summary.source}.", "columns"),
             "worst": (worst_table(summary), f"The worst draws of {summary.chosen}.", ""),
         }
+    for name, table in summary.protocols.items():
+        file = f"protocol-{name.replace(':', '-')}"
+        full[file] = table
+        shown[file] = (protocol_text(table), f"{protocol_title(name)}, on {summary.source}.", "rows")
     files = [write_numbers(table, name, folder) for name, table in full.items()]
     for name, (table, caption, rivals) in shown.items():
         files += write_table(table, name, folder, caption=caption, rivals=rivals)

@@ -131,7 +131,8 @@ def summary_of(kind: str, ious: dict[str, list[float]]) -> Summary:
     means = pairs.groupby("tracker", sort=False)["mean_iou"].agg(sequences="size", mean_iou="mean").reset_index()
     empty = pd.DataFrame()
     sequences: list[Any] = [None] * len(ious[WHOLE])
-    return Summary(kind, sequences, [], empty, pairs, means, empty, empty, empty, np.nan, empty, empty, empty, WHOLE)
+    found = (empty, pairs, means, empty, empty, empty, np.nan, empty, empty, empty)
+    return Summary(kind, sequences, [], *found, {}, WHOLE)
 
 
 def test_a_part_pays_where_the_whole_interval_is_below_zero() -> None:

@@ -21,10 +21,11 @@ import pytest
 
 from eval import process as protocol
 from eval.__main__ import main
-from eval.accuracy import Job, make_jobs, run_jobs, run_one, start_box
+from eval.accuracy import Job, make_jobs, run_jobs, run_one
 from eval.datasets import load_dataset
 from eval.metrics import frame_scores, summarise
 from eval.process import Limits
+from eval.protocols import start_box
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun
 from eval.sandbox import available
 from eval.sequences import Sequence

@@ -210,6 +210,7 @@ def as_toolkits_count(
         "precision_otb": float(np.mean([value <= 20 for value in far])),
         "ao_got10k": float(np.mean(got)),
         "sr50_got10k": float(np.mean([value > 0.5 for value in got])),
+        "sr75_got10k": float(np.mean([value > 0.75 for value in got])),
         "covered": len(got),
     }
 

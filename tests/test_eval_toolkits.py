@@ -6,6 +6,7 @@ Needs the dependency group ``toolkits``; skipped without it.
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,12 @@ from numpy.typing import NDArray
 
 from datasets_synthetic import SUITES, Sequence, render
 from datasets_synthetic.export import write_got10k, write_otb, write_vot
+from eval.framesource import FrameSource
 from eval.metrics import frame_scores, summarise
+from eval.protocol_tables import expected_overlap, precision_recall, protocol_tables
+from eval.protocols import PROTOCOLS, Box, Step
+from eval.results import COMPLETED, Run, Trajectory
+from eval.sequences import Sequence as EvalSequence
 
 AGREE = 1e-4
 """Largest difference of a figure: got10k stores boxes with three decimals."""
@@ -126,3 +132,90 @@ def test_vot_reads_what_we_write(suite: list[Sequence], tmp_path: Path) -> None:
         assert forward[0] == 0
         absent = [frame for frame in range(len(read)) if "absent" in read.tags(frame)]
         assert absent == np.flatnonzero(sequence.visibility == 0).tolist()
+
+
+def walk(folder: Path, seed: int, count: int) -> EvalSequence:
+    """Whole boxes that wander; of the frames nobody sees more than their number."""
+    rng = np.random.default_rng(seed)
+    places = np.clip(60 + np.cumsum(rng.integers(-7, 8, (count, 2)), axis=0), 0, 100)
+    boxes = np.concatenate([places, np.full((count, 2), 20)], axis=1).astype(float)
+    np.save(folder / f"{seed}.npy", np.zeros((count, 1, 1), dtype=np.uint8))
+    source = FrameSource((str(folder / f"{seed}.npy"),), "array", count)
+    return EvalSequence(f"walk{seed}", source, boxes, np.ones(count), (), (128, 128), "d")
+
+
+def stays_behind(truth: EvalSequence) -> Run:
+    """The run that restarts make of a tracker whose box never moves, by the rules and without a process."""
+
+    class Still:
+        def __init__(self) -> None:
+            count = len(truth)
+            unknown = np.full((count, 4), np.nan), np.full(count, np.nan)
+            self.answer = Trajectory(np.zeros(count, dtype=bool), *unknown)
+            self.marks: dict[str, list[int]] = {"started": [], "failed": []}
+
+        def begin(self, index: int, frame: object, box: Box) -> float:
+            self.marks["started"].append(index)
+            self.box = box
+            return 0.0
+
+        def step(self, index: int, frame: object) -> Step:
+            self.answer.ok[index], self.answer.boxes[index] = True, self.box
+            return Step(True, list(self.box), 0.0)
+
+        def hold(self, index: int) -> None:
+            raise AssertionError
+
+        def mark(self, name: str, index: int) -> None:
+            self.marks[name].append(index)
+
+    still, protocol = Still(), PROTOCOLS["restarts"]
+    protocol.lead(still, truth, protocol.begin(truth, 0))
+    return Run("k", "Still", truth.name, 0, 0, COMPLETED, still.answer, {"digest": "d"}, "restarts", still.marks)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_vot_agrees_on_restarts_and_the_long_term(tmp_path: Path) -> None:
+    """Accuracy, robustness, expected average overlap, precision and recall by its own functions on the same boxes."""
+    supervised, region = pytest.importorskip("vot.analysis.supervised"), pytest.importorskip("vot.region")
+    from vot.analysis.longterm import compute_tpr_curves
+    from vot.tracker import Trajectory as Codes
+
+    truths = [walk(tmp_path, 1, 120), walk(tmp_path, 2, 90), walk(tmp_path, 3, 160)]
+    runs = [stays_behind(truth) for truth in truths]
+    accuracies, failures, overlaps, ends = [], [], [], []
+    for truth, run in zip(truths, runs, strict=True):
+        regions = [region.Special(Codes.UNKNOWN)] * len(truth)
+        for index in np.flatnonzero(run.trajectory.ok):
+            regions[index] = region.Rectangle(*run.trajectory.boxes[index])
+        for name, code in (("started", Codes.INITIALIZATION), ("failed", Codes.FAILURE)):
+            for index in run.marks[name]:
+                regions[index] = region.Special(code)
+        theirs = SimpleNamespace(groundtruth=lambda truth=truth: [region.Rectangle(*box) for box in truth.boxes])
+        theirs.size = truth.size
+        accuracies.append(supervised.compute_accuracy(regions, theirs)[0])
+        failures.append(supervised.count_failures(regions)[0])
+        values = region.calculate_overlaps(regions, theirs.groundtruth(), truth.size)
+        for number, start in enumerate(run.marks["started"]):
+            failed = run.marks["failed"][number : number + 1]
+            overlaps.append(values[start : failed[0] if failed else len(truth)])
+            ends.append(not failed)
+        score = np.linspace(1.0, 0.0, len(truth))
+        precision, recall = compute_tpr_curves(
+            regions[1:],
+            score[1:],
+            SimpleNamespace(groundtruth=lambda theirs=theirs: theirs.groundtruth()[1:], size=truth.size),
+            [0.5, 0.2],
+        )
+        iou = np.nan_to_num(values[1:]), score[1:], np.ones(len(truth) - 1, dtype=bool)
+        ours = [precision_recall([iou], threshold) for threshold in (0.5, 0.2)]
+        np.testing.assert_allclose(ours, np.transpose([precision, recall]), atol=1e-12)
+    (row,) = protocol_tables(runs, truths)["restarts"].to_dict("records")
+    lengths = [len(truth) for truth in truths]
+    assert sum(failures) > 5
+    assert row["accuracy"] == pytest.approx(np.average(accuracies, weights=lengths), abs=AGREE)
+    assert row["failures"] == pytest.approx(np.average(failures, weights=lengths))
+    longest = max(map(len, overlaps))
+    curve = supervised.compute_eao_curve(overlaps, [1] * len(overlaps), ends)
+    parts = [(np.array(part[1:]), end) for part, end in zip(overlaps, ends, strict=True)]
+    np.testing.assert_allclose(expected_overlap(parts, longest - 1)[1:], curve[1:], atol=AGREE)
