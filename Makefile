@@ -20,7 +20,7 @@ ZIG := ZIG="$$($(BIN)/python -m pip install --quiet ziglang && $(BIN)/python -c 
 TOOLCHAIN := -DCMAKE_TOOLCHAIN_FILE=cmake/zig.cmake
 endif
 
-.PHONY: native bench test test-matrix test-oldest lint bench-flow clean
+.PHONY: native bench test test-matrix test-oldest lint docs bench-flow clean
 
 # The extension, built into this checkout: a moment when nothing has changed. `make native VENV=/some/.venv` builds it
 # for the Python of an environment elsewhere.
@@ -52,6 +52,11 @@ lint: $(VENV)/ready
 	$(BIN)/codespell
 	$(BIN)/clang-format --dry-run -Werror hs_tracker_cv/_native/*.[ch]pp
 	$(BIN)/mypy
+
+# The site, into build/site, and the notebooks with their outputs, into build/notebooks.
+docs: native
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+	$(BIN)/python -m docs.run_notebooks
 
 bench-flow: native
 	$(BIN)/python -m benchmarks.bench_flow

@@ -601,3 +601,16 @@ def test_all_as_a_motchallenge_file(capsys: pytest.CaptureFixture[str], here: Pa
     assert "it needs --all" in capsys.readouterr().err
     assert cli.main(["in.mkv", "--all", "--mot", "in.mkv"]) == 2
     assert cli.main(["in.mkv", "--all", "--mot", "in.hs.csv"]) == 2
+
+
+def test_what_takes_long_says_how_far_it_is(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where standard error is no terminal: a line after 10 s, 20 s and 40 s of a run of 45 s, none before."""
+    frames, boxes = _square(10)
+    _write(here / "in.mkv", frames)
+    clock = iter(range(0, 500, 5))
+    monkeypatch.setattr("hs_tracker_cv.cli.command.time.monotonic", lambda: float(next(clock)))
+    assert cli.main(["in.mkv", "--roi", ",".join(f"{side:g}" for side in boxes[0])]) == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if " after " in line]
+    assert lines == [f"hs-track: in: {n} of 10 frames after {s} s" for n, s in ((2, 10), (4, 20), (8, 40))]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import re
+import subprocess
+import sys
+import warnings
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+import hs_tracker_cv
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -68,3 +74,43 @@ def test_links_lead_somewhere(page: str) -> None:
     for target in re.findall(r"\]\(([^)#\s]+)", text):
         if "://" not in target:
             assert (DOCS / target).exists(), target
+
+
+@pytest.mark.slow
+def test_the_site_builds_and_asks_for_nothing_from_elsewhere(tmp_path: Path) -> None:
+    """Strictly: no link leads nowhere, every name of the API is found; scripts, styles and pictures are its own."""
+    pytest.importorskip("mkdocstrings")
+    if not (ROOT / "hs_tracker_cv").is_dir():
+        pytest.skip("the wheel is tested, and there are no sources to read the API from")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    pages = [path.read_text(encoding="utf-8") for path in tmp_path.glob("*.html")]
+    assert len(pages) > len(PAGES)
+    for page in pages:
+        assert re.findall(r'<(?:script|img|iframe|link)[^>]*(?:src|href)="?(?:https?:)?//[^>]*', page) == []
+    api = (tmp_path / "api.html").read_text(encoding="utf-8")
+    for name in hs_tracker_cv.__all__:
+        if name not in ("__version__", "legacy"):
+            assert name in api, name
+
+
+def test_notebooks_are_committed_without_outputs() -> None:
+    """They are run by ``make docs``; outputs would be stale, and large."""
+    notebooks = sorted((DOCS / "notebooks").glob("*.ipynb"))
+    assert len(notebooks) == 3
+    for path in notebooks:
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        assert [cell for cell in cells if cell.get("outputs") or cell.get("execution_count")] == []
+
+
+@pytest.mark.slow
+def test_a_notebook_runs() -> None:
+    """The quickest; ``make docs`` runs all."""
+    pytest.importorskip("nbclient")
+    runner = import_module("docs.run_notebooks")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the kernel's own, of its sockets
+        notebook = runner.executed(runner.FOLDER / "own_video.ipynb")
+    shown = [output.get("data", {}) for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert sum("image/png" in data for data in shown) == 3

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,8 @@ __all__ = ["FAILURE", "complain", "end_of_pipe", "follow"]
 FAILURE = 1
 
 WAITING = "waiting for something that moves"
+
+_FIRST_LINE = 10.0  # s
 
 _MOSTLY = 0.5
 """Share of a box inside the frame below which it is probably no x,y,w,h."""
@@ -139,15 +142,33 @@ def _take_steps(
         first=source.start,
         stride=source.step,
     )
+    total = _total(source, options)
     with _progress() as progress:
-        task = progress.add_task(source.name, total=_total(source, options))
-        for step in followed:
+        task = progress.add_task(source.name, total=total)
+        lines = _Lines(source.name, total) if progress.disable else None
+        for done, step in enumerate(followed, 1):
             outputs.write(step)
             tally.add(step)
+            if lines is not None:
+                lines.tell(done)
             doing = WAITING if step.state == "searching" else step.state
             progress.update(task, advance=1, description=f"{source.name}  {doing}")
             if pending.code is not None:
                 return
+
+
+class _Lines:
+    """Progress where nobody sees a bar, as in a log: a line after ten seconds, after twenty, forty and so on."""
+
+    def __init__(self, name: str, total: int | None) -> None:
+        self._name, self._of = name, "" if total is None else f" of {total}"
+        self._begin, self._next = time.monotonic(), _FIRST_LINE
+
+    def tell(self, done: int) -> None:
+        passed = time.monotonic() - self._begin
+        if passed >= self._next:
+            self._next *= 2.0
+            complain(f"{self._name}: {done}{self._of} frames after {passed:.0f} s", 0)
 
 
 def _total(source: VideoSource, options: Options) -> int | None:
