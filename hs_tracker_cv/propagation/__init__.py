@@ -16,7 +16,7 @@ All functions are pure: a state goes in, a new one comes out, and no array of th
 from __future__ import annotations
 
 from .state import PropagationParams, PropagationReport, PropagationState, belongs
-from .tracking import dismiss, ride, start, step
+from .tracking import dismiss, ride, seek, start, step
 
 __all__ = [
     "PropagationParams",
@@ -25,6 +25,7 @@ __all__ = [
     "belongs",
     "dismiss",
     "ride",
+    "seek",
     "start",
     "step",
 ]

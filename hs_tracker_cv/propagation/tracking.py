@@ -29,7 +29,7 @@ from .state import (
 )
 from .view import View
 
-__all__ = ["dismiss", "ride", "start", "step"]
+__all__ = ["dismiss", "ride", "seek", "start", "step"]
 
 F32 = NDArray[np.float32]
 
@@ -383,6 +383,23 @@ def ride(state: PropagationState, box: Box) -> PropagationState:
     )
     report = state.report._replace(box=box, ok=True, lost=False)
     return state._replace(pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, hint=None, report=report)
+
+
+def seek(state: PropagationState, frame: Frame, params: PropagationParams) -> PropagationState:
+    """Look for the object all over the frame, whether or not it was lost before.
+
+    Parameters
+    ----------
+    state : PropagationState
+        Not changed.
+    frame : Frame
+    params : PropagationParams
+
+    Returns
+    -------
+    PropagationState
+    """
+    return step(state._replace(velocity=(0.0, 0.0), low=max(state.low, params.patience + 1)), frame, params)
 
 
 def dismiss(before: PropagationState, after: PropagationState) -> PropagationState:
