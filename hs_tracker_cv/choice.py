@@ -36,6 +36,7 @@ _FLOOR = 0.01
 _RATE = 0.05
 _LEAVE, _RETURN = 0.0, -0.8  # doubt
 _FIRST_SWITCH = 6
+_TOGETHER, _ALIKE = 0.9, 0.25  # agreement and size difference: where both say the same, doubt says nothing
 _APART, _RATHER, _LIKELY = 0.5, 0.6, 0.7  # agreement; chances of the carried box: contradicting, and taking over
 
 
@@ -142,7 +143,9 @@ def judge(choice: Choice, unexplained: float, difference: float | None) -> Choic
     if frames < _FIRST_SWITCH:
         return seen
     if seen.trusted:
-        leave = seen.contradicted or (seen.doubt >= _LEAVE and seen.chance > _LIKELY)
+        alike = seen.agreement > _TOGETHER and seen.size_difference < _ALIKE
+        doubtful = seen.doubt >= _LEAVE and not alike
+        leave = seen.contradicted or (doubtful and seen.chance > _LIKELY)
         return seen.carried_away if leave else seen
     return replace(seen, trusted=True, since=0) if seen.doubt < _RETURN else seen
 

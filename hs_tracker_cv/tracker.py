@@ -64,11 +64,14 @@ SIGHTED = 0.45
 WHOLE = 0.8
 """Share of the object sighted from which segmentation begins anew there."""
 
-STATE_VERSION = 3
+STATE_VERSION = 4
 """Of what a pickle of a tracker holds; a change of any class in it changes the number."""
 
 PATIENCE = 60
 """Frames of another scene after which the object is looked for there, too: the camera may have been moved."""
+
+AGREED = 0.7
+"""Agreement of both boxes from which the carried one learns while segmentation leads."""
 
 CERTAINLY = 0.95
 """Chance from which the carried box is believed in a frame that seems to be of another scene: in cuts between real
@@ -394,7 +397,14 @@ def _advance(track: _Track, frame: Frame) -> _Track:
     if segmented and carried:
         carried, choice = _choose(track, segmented, carried, choice, frame)
     report: LayersReport | PropagationReport = _followed(segmented, carried, choice).report
-    if segmented and carried and choice.trusted and not report.ok and carried.report.ok and carried.report.score > SURELY:
+    if (
+        segmented
+        and carried
+        and choice.trusted
+        and not report.ok
+        and carried.report.ok
+        and carried.report.score > SURELY
+    ):
         report = carried.report
     score = report.score
     if segmented and carried and choice.trusted and report is segmented.report and report.ok:
@@ -414,7 +424,7 @@ def _advance(track: _Track, frame: Frame) -> _Track:
         overview=now,
     )
     if report.ok and score < LEAST:
-        return replace(advanced, state="lost")
+        return replace(advanced, state="lost", scene=_remembered(track, advanced, frame))
     return advanced if advanced.state == "tracking" else _await(track, advanced, frame, seen)
 
 
@@ -478,9 +488,7 @@ def _await(track: _Track, lost: _Track, frame: Frame, seen: Sighting | None) -> 
     """
     if lost.layers is None or lost.propagation is None:
         return lost
-    scene = track.scene
-    if track.state == "tracking" and scene is None and lost.target and lost.choice.unexplained < UNDERSTOOD:
-        scene = sighting.remember(frame, lost.target)
+    scene = _remembered(track, lost, frame)
     if seen is None:
         return replace(lost, scene=scene)
     found = replace(lost, scene=scene, box=seen.box, score=SIGHTED, state="tracking")
@@ -489,6 +497,13 @@ def _await(track: _Track, lost: _Track, frame: Frame, seen: Sighting | None) -> 
     segmented = layers.reseed(lost.layers, frame, seen.box, LAYERS)
     carried = propagation.ride(lost.propagation, seen.box)
     return replace(found, layers=segmented, propagation=carried, choice=Choice(), scene=None, score=SURE)
+
+
+def _remembered(track: _Track, lost: _Track, frame: Frame) -> Scene | None:
+    """The scene without the object: the frame in which it was lost."""
+    if track.state != "tracking" or track.scene or not lost.target or lost.choice.unexplained >= UNDERSTOOD:
+        return track.scene
+    return sighting.remember(frame, lost.target)
 
 
 def _look(
@@ -503,6 +518,7 @@ def _look(
     near = seen.box.centre if seen else None
     if segmented is None or carried is None or choice.frames < WITNESS_FRAMES:
         segmented = _segment(segmented, frame) if segmented else None
+        carried = _turned(carried, segmented) if carried and segmented and segmented.report.ok else carried
         carried = propagation.step(carried, frame, track.options, near=near) if carried else None
         if segmented and carried:
             choice = choice.asked(carried.report.score, agreement(segmented.report.box, carried.report.box))
@@ -516,13 +532,21 @@ def _look(
     if segmented.report.ok and not _believable(segmented.report.box, track.scene, seen, frame):
         segmented = segmented.replace(report=replace(segmented.report, ok=False, lost=True, score=0.0))
     if segmented.report.ok:
+        carried = _turned(carried, segmented)
         if choice.since % ASK_EVERY == 0:
             asked = propagation.step(carried, frame, track.options)
             choice = choice.asked(asked.report.score, agreement(segmented.report.box, asked.report.box))
             if choice.contradicted:
                 return segmented, asked, choice.carried_away
+            if choice.agreement > AGREED and not segmented.report.occluded and segmented.report.score > SURELY:
+                carried = asked  # it keeps up with how the object looks
         return segmented, propagation.ride(carried, segmented.report.box), choice
     return _search(track, segmented, carried, frame, seen)
+
+
+def _turned(carried: PropagationState, segmented: LayersState) -> PropagationState:
+    """The carried box expects the object turned as segmentation sees it turn."""
+    return propagation.turned(carried, segmented.turn)
 
 
 def _segment(state: LayersState, frame: Frame) -> LayersState:

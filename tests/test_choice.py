@@ -17,7 +17,7 @@ differences = st.floats(0, 3)
 
 def after(count: int, unexplained: float, difference: float = 0.0, choice: Choice | None = None) -> Choice:
     """The choice after the same measurements `count` times."""
-    choice = choice or Choice()
+    choice = (choice or Choice()).asked(1.0, 0.8)
     for _ in range(count):
         choice = judge(choice, unexplained, difference)
     return choice
@@ -112,11 +112,11 @@ def test_a_sure_carried_box_elsewhere_is_followed() -> None:
 
 
 def test_doubt_alone_leaves_a_segment_to_a_carried_box_that_is_likely_right_only() -> None:
-    """Where nobody knows where the object is, nothing is handed over."""
-    for chance, trusted in ((0.9, False), (0.3, True)):
+    """Where nobody knows where the object is, nothing is handed over; nor where both say the same place."""
+    for chance, agreed, trusted in ((0.9, 0.8, False), (0.3, 0.8, True), (0.9, 0.95, True)):
         choice = Choice()
         for _ in range(10):
-            choice = judge(choice.asked(chance, 0.9), 0.5, None)
+            choice = judge(choice.asked(chance, agreed), 0.5, None)
         assert choice.trusted is trusted
 
 

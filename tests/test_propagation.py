@@ -156,6 +156,40 @@ def test_keyframe_takes_out_an_artificial_drift() -> None:
     assert state.report.box.y == pytest.approx(box.y, abs=0.5)
 
 
+def test_seek_finds_what_has_moved_far_though_it_was_not_lost() -> None:
+    """A step looks near; to seek is to look all over the frame."""
+    state, far = _track(_moving, 6)[-1], _frame(Box(150.0, 120.0, 40.0, 40.0))
+    assert iou(propagation.step(state, far, PARAMS).report.box, Box(150.0, 120.0, 40.0, 40.0)) < 0.1
+    for _ in range(8):
+        state = propagation.seek(state, far, PARAMS)
+    assert state.report.ok
+    assert iou(state.report.box, Box(150.0, 120.0, 40.0, 40.0)) > 0.8
+
+
+def _turned_frame(angle: float) -> Frame:
+    """The whole picture turned about the middle of the square at rest."""
+    box = _moving(0)
+    (x, y), size = box.centre, (240, 180)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    about = np.asarray([[cosine, -sine, x - cosine * x + sine * y], [sine, cosine, y - sine * x - cosine * y]])
+    return as_frame(
+        cv2.warpAffine(np.ascontiguousarray(_frame(box).pixels), about, size, borderMode=cv2.BORDER_REFLECT)
+    )
+
+
+def test_a_turn_that_is_told_is_found_and_one_that_is_not_is_dropped() -> None:
+    """The finder knows the object upright: told of its turn it is as sure as before, told of a wrong one likewise."""
+    state = _track(lambda t: _moving(0), 4)[-1]
+    turned, still = _turned_frame(0.6), _turned_frame(0.0)
+    told, untold = (propagation.step(s, turned, PARAMS).report for s in (propagation.turned(state, 0.6), state))
+    wrong, right = (propagation.step(s, still, PARAMS).report for s in (propagation.turned(state, 0.6), state))
+    assert told.score > untold.score + 0.2
+    assert told.angle == pytest.approx(0.6)
+    assert wrong.score == pytest.approx(right.score, abs=0.05)
+    assert wrong.angle == 0.0
+    assert (told.box.w, told.box.h) == pytest.approx((40.0, 40.0), rel=0.1)
+
+
 def test_ride_moves_the_box_and_goes_on() -> None:
     """After a hand-over the report is the box handed over, also when it was lost, and tracking goes on from there."""
     state = _track(_hidden, 25)[-1]

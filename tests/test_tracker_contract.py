@@ -7,6 +7,7 @@ import gc
 import pickle
 import weakref
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv import Box, TrackerHS, TrackerHS_create, TrackerHS_Params, legacy
+from hs_tracker_cv import Box, TrackerHS, TrackerHS_create, TrackerHS_Params, layers, legacy
 from hs_tracker_cv.frames import InputError
 from hs_tracker_cv.geometry import iou
 from tests.conftest import BOX_IOU, moving_square
@@ -353,6 +354,28 @@ def test_the_score_falls_before_the_loss(mode: str) -> None:
     assert mode == "propagation" or "occluded" in [state for _, _, state in told]
     assert all(ok and score > 0.9 and state == "tracking" for ok, score, state in told[-5:])
     assert iou(Box(*tracker.box or ()), boxes[-1]) > 0.85
+
+
+def test_a_sure_carried_box_answers_where_segmentation_sees_nothing(
+    video: tuple[Frames, Boxes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Segmentation calls the object hidden in full view."""
+    frames, boxes = video
+    tracker = TrackerHS()
+    tracker.init(frames[0], boxes[0])
+    tracker.update(frames[1])
+    step = layers.step
+
+    def blind(state: layers.LayersState, *rest: Any) -> layers.LayersState:
+        seen = step(state, *rest)
+        return seen.replace(report=replace(seen.report, ok=False, lost=True, occluded=True, score=0.0))
+
+    monkeypatch.setattr(layers, "step", blind)
+    for frame, box in zip(frames[2:6], boxes[2:6], strict=True):
+        ok, answer = tracker.update(frame)
+        assert ok
+        assert iou(Box(*answer), Box(*box)) > 0.7
+        assert tracker.getTrackingScore() > 0.9
 
 
 def test_a_tracker_can_be_referred_to_weakly(video: tuple[Frames, Boxes]) -> None:

@@ -52,8 +52,7 @@ def relocate(state: LayersState, frame: Frame, gap: int, params: LayersParams) -
     LayersState or None
         None when the object is not surely seen.
     """
-    turn = 0.5 * (state.linear[2] - state.linear[1]) * (gap + 1)
-    seen = _turned(state, turn)
+    seen = _turned(state, state.turn * (gap + 1))
     shift, cost = _search(state, seen, frame, gap)
     if cost > _LEVEL + _FACTOR * state.match_cost:
         return None

@@ -262,6 +262,11 @@ class LayersState:
     occlusion: Occlusion = NOTHING_IN_FRONT
     light: Light = EVEN_LIGHT
 
+    @property
+    def turn(self) -> float:
+        """Angle by which the object turns per frame, radians from x towards y."""
+        return 0.5 * (self.linear[2] - self.linear[1])
+
     def replace(self, **changes: Any) -> LayersState:
         """Return a copy with some fields changed."""
         # several times as fast as dataclasses.replace, which asks for each field by name

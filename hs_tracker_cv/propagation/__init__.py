@@ -16,7 +16,7 @@ All functions are pure: a state goes in, a new one comes out, and no array of th
 from __future__ import annotations
 
 from .state import PropagationParams, PropagationReport, PropagationState, belongs
-from .tracking import dismiss, ride, seek, start, step
+from .tracking import dismiss, ride, seek, start, step, turned
 
 __all__ = [
     "PropagationParams",
@@ -28,4 +28,5 @@ __all__ = [
     "seek",
     "start",
     "step",
+    "turned",
 ]

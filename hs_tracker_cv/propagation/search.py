@@ -18,6 +18,7 @@ __all__ = ["Found", "find", "look"]
 F32 = NDArray[np.float32]
 
 _LOOKS, _PLACES, _APART = 3, 200, 1.9
+_TURN = 0.02  # rad: a smaller turn makes no difference
 
 
 class Found(NamedTuple):
@@ -41,7 +42,11 @@ def look(state: PropagationState, view: View, at: Pose, expected: Pose, penalty:
 def find(state: PropagationState, view: View, expected: Pose, p: PropagationParams) -> Found:
     """Best place in the window at the pose expected; once the object is lost, elsewhere too."""
     g, lost = state.geometry, state.low - p.patience
-    best = look(state, view, expected, expected, p.distance_penalty / (1.0 + 0.5 * state.low))
+    penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
+    best = look(state, view, expected, expected, penalty)
+    if abs(expected.angle - state.report.angle) > _TURN:  # it may not have turned as it was said to
+        upright = expected._replace(angle=state.report.angle)
+        best = max(best, look(state, view, upright, upright, penalty), key=lambda found: found.chance)
     if lost > 0 and best.chance < p.sure:
         places = _elsewhere(state.pose, g, view, lost)
         for at in places if state.hint is None else [state.hint, *places]:

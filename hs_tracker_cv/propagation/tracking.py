@@ -29,7 +29,7 @@ from .state import (
 )
 from .view import View
 
-__all__ = ["dismiss", "ride", "seek", "start", "step"]
+__all__ = ["dismiss", "ride", "seek", "start", "step", "turned"]
 
 F32 = NDArray[np.float32]
 
@@ -39,6 +39,7 @@ _MIN_SIDE = 6.0
 _CLEARLY = 0.1
 _RIDE_RATE = 0.03
 _MAX_TURN = 0.15
+_LEAST_TURN = 0.01  # rad per frame: less is within the error of its measurement
 _ZOOMS = (0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.7)
 _BLUR = np.exp(np.linspace(-3.0, 3.0, 7) ** 2 / (-2.0 * 1.5**2)).astype(np.float32)
 _BLUR /= _BLUR.sum()
@@ -167,8 +168,10 @@ def step(
         good_frames += 1
         peak += max(0.05, 1.0 / good_frames) * (found.seen.height - peak)
     model = model._replace(located=finders.notice(model.located, found.seen.change))
+    # Without `rotation` the turn is only how the object is found: the box stays that of the first frame.
+    box = box_at(g, pose if params.rotation else pose._replace(angle=0.0))
     report = PropagationReport(
-        box_at(g, pose), pose.angle, not lost, found.chance, lost, *_window(g, found.pose),
+        box, pose.angle, not lost, found.chance, lost, *_window(g, found.pose),
         state.model.previous, carried.start.gray, carried.followed.flow, found.seen.height, found.seen.response,
         carried.patch.agreement, tuple(keys), share, verdict,
     )  # fmt: skip
@@ -374,12 +377,14 @@ def ride(state: PropagationState, box: Box) -> PropagationState:
         At rest in the middle of `box`, not lost.
     """
     g, old = state.geometry, state.pose
-    first = box_at(g, old._replace(sx=1.0, sy=1.0))
+    across, down = box.w / g.w, box.h / g.h
+    if old.angle != 0.0:  # upright boxes of a turned object have other sides; their diagonal stays
+        across = down = math.hypot(box.w, box.h) / math.hypot(g.w, g.h)
     pose = old._replace(
         cx=box.x + box.w / 2 - 0.5,
         cy=box.y + box.h / 2 - 0.5,
-        sx=old.sx + _RIDE_RATE * (box.w / first.w - old.sx),
-        sy=old.sy + _RIDE_RATE * (box.h / first.h - old.sy),
+        sx=old.sx + _RIDE_RATE * (across - old.sx),
+        sy=old.sy + _RIDE_RATE * (down - old.sy),
     )
     report = state.report._replace(box=box, ok=True, lost=False)
     return state._replace(pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, hint=None, report=report)
@@ -400,6 +405,23 @@ def seek(state: PropagationState, frame: Frame, params: PropagationParams) -> Pr
     PropagationState
     """
     return step(state._replace(velocity=(0.0, 0.0), low=max(state.low, params.patience + 1)), frame, params)
+
+
+def turned(state: PropagationState, angle: float) -> PropagationState:
+    """Expect the object turned, as another mode has seen it turn; whether it has is found out in the next `step`.
+
+    Parameters
+    ----------
+    state : PropagationState
+        Not changed.
+    angle : float
+        Since the last frame, radians from x towards y.
+
+    Returns
+    -------
+    PropagationState
+    """
+    return state._replace(pose=state.pose.turned(angle)) if abs(angle) >= _LEAST_TURN else state
 
 
 def dismiss(before: PropagationState, after: PropagationState) -> PropagationState:
