@@ -54,7 +54,7 @@ PATIENCE = 5.0
 GRACE = 60.0
 """Seconds that a batch may take besides, to start."""
 
-KERNELS = [f"hs_tracker_cv.{name}" for name in ("layers.kernels", "patches", "propagation.kernels")]
+KERNELS = ["hs_tracker_cv.layers.kernels"]
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from hs_tracker_cv import patches, propagation
+from hs_tracker_cv._native import kernels
 from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
 from hs_tracker_cv.patches import Place
-from hs_tracker_cv.propagation import PropagationParams, PropagationState, kernels
+from hs_tracker_cv.propagation import PropagationParams, PropagationState
 from hs_tracker_cv.propagation.search import _elsewhere
 from hs_tracker_cv.propagation.view import View
 
@@ -284,7 +285,7 @@ def test_cost_is_bounded_by_the_object(side: float) -> None:
     state = propagation.start(_frame(None), Box(40.0, 20.0, side, side), PARAMS)
     other = propagation.start(_frame(None), Box(40.0, 20.0, 60.0, 60.0), PARAMS)
     assert state.model.previous.shape == other.model.previous.shape
-    assert state.geometry.window.shape == other.geometry.window.shape
+    assert state.geometry.inside.shape == other.geometry.inside.shape
 
 
 def test_box_leaving_the_frame_is_not_followed_outside() -> None:
@@ -344,7 +345,7 @@ def test_scores_are_weighted_correlations() -> None:
 def _follow(
     flow: NDArray[np.float64],
     separation: float = -1.0,
-    turning: float = 0.0,
+    turning: bool = False,
     object_: NDArray[np.bool_] | None = None,
 ) -> tuple[list[float], NDArray[np.float32]]:
     """Fit to a flow from a texture to the same texture moved by it, which it explains everywhere."""
@@ -354,10 +355,8 @@ def _follow(
     field = flow.astype(np.float32)
     a = cv2.remap(b, x + field[:, :, 0], y + field[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     prior = np.ones((height, width), np.float32) if object_ is None else object_.astype(np.float32)
-    planes = np.empty((5, height, width), np.float32)
-    inner = np.full((height, width), 1 / (height * width), np.float32)
-    nowhere = np.empty((0, 0), np.float32)
-    found = kernels.follow(a, b, field, prior, nowhere, 0.0, 0.0, 0.5, inner, 1 - prior, turning, separation, planes)
+    planes = np.empty((3, height, width), np.float32)
+    found = kernels.fit_motion(a, b, field, prior, None, 0.5, 1 - prior, turning, separation, planes)
     return list(found), planes
 
 
@@ -366,10 +365,9 @@ def test_fit_ignores_outliers() -> None:
     y, x = np.mgrid[:48, :52] - np.asarray([23.5, 25.5])[:, None, None]
     flow = np.stack([1.5 + 0.03 * x, -0.7 + 0.03 * y], axis=2)
     flow[:8] = (5.0, 4.0)
-    (tx, ty, scale, turn, colour, apart), _ = _follow(flow)
+    (tx, ty, scale, turn, apart), _ = _follow(flow)
     np.testing.assert_allclose([tx, ty, scale], [1.5, -0.7, 0.03], atol=0.02)
     assert turn == 0.0
-    assert colour == 1.0
     assert not apart
 
 
@@ -377,7 +375,7 @@ def test_fit_finds_a_rotation_when_asked() -> None:
     """A field that shifts, grows and turns gives back all three."""
     y, x = np.mgrid[:48, :52] - np.asarray([23.5, 25.5])[:, None, None]
     flow = np.stack([0.8 + 0.02 * x - 0.05 * y, -0.4 + 0.02 * y + 0.05 * x], axis=2)
-    (tx, ty, scale, turn, *_), _ = _follow(flow, turning=1.0)
+    (tx, ty, scale, turn, *_), _ = _follow(flow, turning=True)
     np.testing.assert_allclose([tx, ty, scale, turn], [0.8, -0.4, 0.02, 0.05], atol=2e-3)
 
 
@@ -398,18 +396,15 @@ def test_object_and_surroundings_are_told_apart() -> None:
     np.testing.assert_array_equal(planes[1], 1.0)
 
 
-def test_colours_are_read_from_the_coarse_window() -> None:
-    """The likelihood weighs where it lies, and its mean is that under the inner weights."""
+def test_colours_are_read_from_their_own_lattice() -> None:
+    """The likelihood, whose middle is the patch's, is a further prior weight."""
     likelihood = np.zeros((30, 40), np.float32)
     likelihood[:, :] = np.arange(40) / 40
     a, still = np.ascontiguousarray(_texture(6, 24, 28, False)[:, :, 0]), np.zeros((24, 28, 2), np.float32)
-    prior, planes = np.full((24, 28), 2.0, np.float32), np.empty((5, 24, 28), np.float32)
-    inner = np.zeros((24, 28), np.float32)
-    inner[5, 20] = 1.0
-    colour = kernels.follow(a, a, still, prior, likelihood, 18.25, 12.0, 0.5, inner, prior, 0.0, -1.0, planes)[4]
-    at = (18.25 + (np.arange(28) - 13.5) * 0.5) / 40
+    prior, planes = np.full((24, 28), 2.0, np.float32), np.empty((3, 24, 28), np.float32)
+    kernels.fit_motion(a, a, still, prior, likelihood, 0.5, prior, False, -1.0, planes)
+    at = (19.5 + (np.arange(28) - 13.5) * 0.5) / 40
     np.testing.assert_allclose(planes[2], np.broadcast_to(2.0 * (0.1 + at), (24, 28)), atol=1e-5)
-    assert colour == pytest.approx(at[20])
 
 
 def _keep(change: float, rate: float, mean: float, belongs: float = 1.0) -> NDArray[np.float32]:
@@ -418,15 +413,15 @@ def _keep(change: float, rate: float, mean: float, belongs: float = 1.0) -> NDAr
     previous = np.ascontiguousarray(_texture(6, height, width, False)[:, :, 0])
     patch = np.asarray(np.roll(previous, (-2, 4), (0, 1)) + change, np.float32)
     flow = np.full((height, width, 2), (4.0, -2.0), np.float32)
-    planes = np.full((5, height, width), 1e6, np.float32)
+    planes = np.full((3, height, width), 1e6, np.float32)
     planes[1] = belongs
     means = np.zeros((4, height, width), np.float32)
     means[0] = patch + mean
-    kept, body, room = np.full((20, 24), 0.8, np.float32), np.ones((20, 24), np.float32), np.zeros((6, 20, 24))
+    kept, body = np.full((20, 24), 0.8, np.float32), np.ones((20, 24), np.float32)
     out, new = np.empty((20, 24), np.float32), np.empty_like(means)
     kernels.keep(
-        kept, planes, flow, 0.0, 0.0, 1.0, 0.0, previous, patch, 16.0, 40.0, rate, body, means, 0.0, 0.0, patch, 0.15,
-        room.astype(np.float32), out, new,
+        kept, body, previous, means, patch, planes, flow, patch, 0.0, 0.0, 1.0, 0.0, 16.0, 40.0, rate, 0.0, 0.0, 0.15,
+        out, new,
     )  # fmt: skip
     np.testing.assert_array_equal(new[:3], means[:3])
     return out[3:-3, 3:-3]
@@ -453,31 +448,16 @@ def test_running_means() -> None:
     """Mean, deviation and mask move towards the frame by their rates; the prior weight follows from them."""
     old, new = np.empty((4, 4, 6), np.float32), np.empty((4, 4, 6), np.float32)
     old[:3] = np.asarray([10.0, 4.0, 0.5])[:, None, None]
-    planes = np.zeros((5, 4, 6), np.float32)
+    planes = np.zeros((3, 4, 6), np.float32)
     planes[0], planes[1] = 0.2, 1.0  # half of the mask's rate
     patch, weights, half = np.zeros((4, 6), np.float32), np.full((4, 6), 0.5, np.float32), np.ones((2, 3), np.float32)
-    flow, room = np.zeros((4, 6, 2), np.float32), np.zeros((6, 2, 3), np.float32)
+    flow = np.zeros((4, 6, 2), np.float32)
     kernels.keep(
-        half, planes, flow, 0.0, 0.0, 1.0, 0.0, patch, patch, 16.0, 40.0, 0.0, half, old, 0.1, 0.4, weights, 0.15,
-        room, half.copy(), new,
+        half, half, patch, old, weights, planes, flow, patch, 0.0, 0.0, 1.0, 0.0, 16.0, 40.0, 0.0, 0.1, 0.4, 0.15,
+        half.copy(), new,
     )  # fmt: skip
     expected = [9.0, 4.6, 0.6, 0.5 * 0.75 / (1.0 + 0.46**2)]
     np.testing.assert_allclose(new, np.broadcast_to(np.asarray(expected)[:, None, None], new.shape), rtol=1e-5)
-
-
-@pytest.mark.parametrize("taps", [[1.0], [0.25, 0.5, 0.25]], ids=["plain", "smoothed"])
-def test_histograms_of_inside_and_outside(taps: list[float]) -> None:
-    """Shares of the counts, smoothed and mirrored at the ends, are mixed in."""
-    bins = np.asarray([[0, 0, 3], [5, 3, 5]], np.int32)
-    inside = np.asarray([[1, 1, 1], [0, 0, 0]], np.uint8)
-    old, new = np.full((2, 6), 1 / 6, np.float32), np.empty((2, 6), np.float32)
-    kernels.recolour(bins, inside, np.asarray(taps, np.float32), 0.5, old, np.zeros((2, 6), np.float32), new)
-    counts = np.asarray([[2, 0, 0, 1, 0, 0], [0, 0, 0, 1, 0, 2]], float)
-    if len(taps) == 3:
-        wide = np.pad(counts, ((0, 0), (1, 1)), mode="reflect")
-        counts = 0.25 * wide[:, :-2] + 0.5 * wide[:, 1:-1] + 0.25 * wide[:, 2:]
-    expected = 0.5 / 6 + 0.5 * counts / counts.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(new, expected, atol=1e-6)
 
 
 def test_rotation_is_followed_when_asked() -> None:

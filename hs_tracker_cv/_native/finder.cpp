@@ -3,6 +3,8 @@
 // Filter: F. Li and others, "Learning spatial-temporal regularized correlation filters for visual tracking", CVPR 2018.
 #include "finder.hpp"
 
+#include "arithmetic.hpp"
+
 #include <cmath>
 
 namespace hs {
@@ -11,12 +13,6 @@ namespace {
 constexpr Index SIDE = CELLS * CELL;
 constexpr Index EDGE = CELLS + 2; // cells along a side, with a ring of one
 constexpr float PI = 3.14159265f;
-
-static inline Index clamp(Index value, Index low, Index high) {
-    return value < low ? low : value > high ? high : value;
-}
-static inline double larger(double a, double b) { return a > b ? a : b; }
-static inline double smaller(double a, double b) { return a < b ? a : b; }
 
 // ---- sampling ----
 
@@ -237,7 +233,7 @@ Index describe_room(const Picture &picture, const Place &place) {
 }
 
 void sample(const Picture &picture, const Place &place, float *room, float *patch) {
-    if (place.sine == 0.0 && place.cosine > 0.0)
+    if (is_straight(place))
         sample_straight(picture, place, room, patch);
     else
         sample_turned(picture, place, patch);

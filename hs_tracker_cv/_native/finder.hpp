@@ -4,6 +4,7 @@
 // real part of complex numbers whose imaginary part is the second half: so one complex transform serves two channels.
 #pragma once
 
+#include "pictures.hpp"
 #include "planes.hpp"
 
 namespace hs {
@@ -14,17 +15,6 @@ constexpr std::ptrdiff_t HALF = CELLS / 2 + 1;     // columns of a spectrum of r
 constexpr std::ptrdiff_t ANGLES = 9;               // directions of edges
 constexpr std::ptrdiff_t SHADES = 32, NAMES = 9;   // shades of each primary colour, and what colours are called
 constexpr std::ptrdiff_t GRAY_CHANNELS = 16, COLOUR_CHANNELS = 24;
-
-// A picture as Python has it: rows of pixels of `channels` numbers, 0–255.
-struct Picture {
-    const float *data;
-    std::ptrdiff_t height, width, channels;
-};
-
-// Where a patch is sampled: its centre in pixel-index coordinates, steps between samples (px), its turn.
-struct Place {
-    double x, y, step_x, step_y, cosine, sine;
-};
 
 // Factors of the transforms: exp(-2πi k / CELLS), real and imaginary part in turn.
 struct Circle {

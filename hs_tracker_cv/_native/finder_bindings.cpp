@@ -4,11 +4,10 @@
 #include "finder.hpp"
 #include "levels.hpp"
 #include "peak.hpp"
-#include "views.hpp"
+#include "picture_views.hpp"
 
 #include <nanobind/stl/tuple.h>
 
-#include <cmath>
 #include <memory>
 #include <optional>
 #include <string>
@@ -36,30 +35,13 @@ const Circle &whole_circle() {
     return whole;
 }
 
-Picture as_picture(const Array<const float, 3> &pixels) {
-    const Picture picture{pixels.data(), pixels.size(0), pixels.size(1), pixels.size(2)};
-    if (picture.height < 1 || picture.width < 1 || (picture.channels != 1 && picture.channels != 3))
-        throw nb::value_error("expected picture to have at least one pixel and 1 or 3 channels");
-    return picture;
-}
-
-Place as_place(double x, double y, double step_x, double step_y, double angle) {
-    if (!(step_x > 0.0 && step_x < 1e4 && step_y > 0.0 && step_y < 1e4 && std::fabs(x) < 1e9 && std::fabs(y) < 1e9 &&
-          std::isfinite(angle)))
-        throw nb::value_error(("expected a finite place with steps between 0 and 1e4, got x " + std::to_string(x) +
-                               ", y " + std::to_string(y) + ", steps " + std::to_string(step_x) + " and " +
-                               std::to_string(step_y) + ", angle " + std::to_string(angle))
-                                  .c_str());
-    return {x, y, step_x, step_y, std::cos(angle), std::sin(angle)};
-}
-
 void describe(nb::handle picture, double x, double y, double step_x, double step_y, double angle, nb::handle fade,
               nb::handle names, nb::handle features, nb::handle grays) {
     const Array<const float, 3> pixels(picture, "picture");
     const Array<const float, 2> weights(fade, "fade");
     const Array<float, 3> out(features, "features");
     const Array<float, 2> means(grays, "grays");
-    const Picture view = as_picture(pixels);
+    const Picture view = as_picture(pixels, 1);
     const Place place = as_place(x, y, step_x, step_y, angle);
     weights.expect({CELLS, CELLS});
     std::optional<Array<const float, 2>> called;
@@ -79,7 +61,7 @@ void describe(nb::handle picture, double x, double y, double step_x, double step
 void shade(nb::handle picture, double x, double y, double step_x, double step_y, double angle, nb::handle grays) {
     const Array<const float, 3> pixels(picture, "picture");
     const Array<float, 2> out(grays, "grays");
-    const Picture view = as_picture(pixels);
+    const Picture view = as_picture(pixels, 1);
     const Place place = as_place(x, y, step_x, step_y, angle);
     out.expect({CELLS, CELLS});
     nb::gil_scoped_release release;

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
 Taps = tuple[float, float, float]
 """Weights of a symmetric blur: of the centre, the neighbours and the next ones; (1, 0, 0) is none."""
 
@@ -226,4 +227,198 @@ def respond(
     tuple of float
         Displacement (x, y; cells), height, height less the penalty; highest point, mean and deviation of what
         is more than 4 cells away; the witness's response at the peak.
+    """
+
+def sample(
+    picture: Float32, x: float, y: float, step_x: float, step_y: float, angle: float, samples: Float32
+) -> None:
+    """Write samples of a picture: each is the mean of up to 4 × 4 bilinear reads spread over a step.
+
+    Parameters
+    ----------
+    picture : ndarray, shape (H, W, 1 or 3), float32
+        0–255, BGR, at least 2 × 2 pixels. Beyond it its border is repeated.
+    x, y, step_x, step_y, angle : float
+        As of :func:`describe`.
+    samples : ndarray, shape (channels, h, w), float32
+        Written.
+    """
+
+def patch(
+    gray: Float32,
+    x: float,
+    y: float,
+    step_x: float,
+    step_y: float,
+    angle: float,
+    weights: Float32,
+    templates: Float32,
+    patch: Float32,
+    scores: Float64,
+) -> None:
+    """Write a patch of mean 0 and deviation about 32 under weights, and its correlation with others.
+
+    Parameters
+    ----------
+    gray : ndarray, shape (H, W), float32
+        0–255, at least 2 × 2 pixels.
+    x, y, step_x, step_y, angle : float
+        As of :func:`describe`.
+    weights : ndarray, shape (h, w), float32
+        Of sum 1.
+    templates : ndarray, shape (n, h, w), float32
+        Of mean 0 under the weights.
+    patch : ndarray, shape (h, w), float32
+        Written. Smoothed by a Gaussian of 0.7 samples, unless it is turned.
+    scores : ndarray, shape (n,), float64
+        Written: −1 to 1.
+    """
+
+def likelihood(
+    picture: Float32,
+    x: float,
+    y: float,
+    step_x: float,
+    step_y: float,
+    angle: float,
+    histograms: Float32,
+    likelihood: Float32,
+) -> None:
+    """Write the share inside / (inside + outside) of each sample's colour, 0–1, the mean over 3 × 3 samples.
+
+    Parameters
+    ----------
+    picture, x, y, step_x, step_y, angle
+        As of :func:`sample`.
+    histograms : ndarray, shape (2, 64 or, of three channels, 16 ** 3), float32
+        Shares of the bins inside and outside.
+    likelihood : ndarray, shape (h, w), float32
+        Written; at least 2 × 2.
+    """
+
+def learn_colours(
+    picture: Float32,
+    x: float,
+    y: float,
+    step_x: float,
+    step_y: float,
+    angle: float,
+    inside: NDArray[np.uint8],
+    rate: float,
+    old: Float32,
+    learned: Float32,
+) -> None:
+    """Write histograms with the colours of a window mixed in.
+
+    Parameters
+    ----------
+    picture, x, y, step_x, step_y, angle
+        As of :func:`sample`.
+    inside : ndarray, shape (h, w), uint8
+        0 outside.
+    rate : float
+        Share of this window.
+    old, learned : ndarray, shape (2, bins), float32
+        As of :func:`likelihood`.
+    """
+
+def fit_motion(
+    first: Float32,
+    second: Float32,
+    flow: Float32,
+    prior: Float32,
+    likelihood: Float32 | None,
+    ratio: float,
+    outside: Float32,
+    rotation: bool,
+    separation: float,
+    planes: Float32,
+) -> tuple[float, float, float, float, bool]:
+    """Fit the object's motion to the flow, and again without the pixels that move with the surroundings.
+
+    Pixels count that are textured, and explained by the flow; outliers hardly do. See motion_fit.cpp.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (H, W), float32
+        Normalised patches, at least 2 × 2.
+    flow : ndarray, shape (H, W, 2), float32
+        From the first to the second, samples.
+    prior, outside : ndarray, shape (H, W), float32
+        Prior weights of the object and of its surroundings, not negative.
+    likelihood : ndarray, shape (h, w), float32, or None
+        Of the object's colours, as a further prior weight, on a lattice of the same centre; at least 2 × 2.
+    ratio : float
+        Samples of that lattice per sample of the patch.
+    rotation : bool
+        Or it is left at 0.
+    separation : float
+        Samples from which the two motions are told apart; less than 0: they never are.
+    planes : ndarray, shape (3, H, W), float32
+        Written: weights of the object's first fit; share of "moves with the object" per pixel, 1 where the two are
+        not told apart; prior weights, colours included.
+
+    Returns
+    -------
+    right, down, growth, turn : float
+        Translation, samples; growth; rotation, radians from x towards y; all from the patch's centre.
+    apart : bool
+        Object and surroundings were told apart.
+    """
+
+def keep(
+    kept: Float32,
+    body: Float32,
+    previous: Float32,
+    means: Float32,
+    weights: Float32,
+    planes: Float32,
+    flow: Float32,
+    patch: Float32,
+    right: float,
+    down: float,
+    cosine: float,
+    sine: float,
+    same: float,
+    changed: float,
+    rate: float,
+    mean_rate: float,
+    mask_rate: float,
+    floor: float,
+    out: Float32,
+    learned: Float32,
+) -> None:
+    """Move what is kept with the flow, drop what changed or moves with the surroundings; learn the patch.
+
+    Parameters
+    ----------
+    kept, body : ndarray, shape (h / 2, w / 2), float32
+        What was kept, at least 2 × 2; the object's pixels.
+    previous : ndarray, shape (h, w), float32
+        Patch in the frame before.
+    means : ndarray, shape (4, h, w), float32
+        Mean patch; mean absolute deviation from it; share of "moves with the object"; prior weight of each pixel in
+        the fit of the flow, which follows from the last two.
+    weights : ndarray, shape (h, w), float32
+        Prior weights by place.
+    planes : ndarray, shape (3, h, w), float32
+        From :func:`fit_motion`.
+    flow : ndarray, shape (h, w, 2), float32
+        Into the patch from which the result's place is measured, samples.
+    patch : ndarray, shape (h, w), float32
+        Where the result is wanted.
+    right, down, cosine, sine : float
+        The result's centre, from that patch's centre in samples of `kept`, and its turn and zoom.
+    same, changed : float
+        Difference of gray levels up to which a pixel is the same, and from which it is another; the second is larger.
+    rate : float
+        Share of what looks as it was learned that counts as the object's again.
+    mean_rate, mask_rate : float
+        Share of this frame in patch and deviation, and in "moves with the object".
+    floor : float
+        Weight of a pixel that never moved with the object.
+    out : ndarray, shape (h / 2, w / 2), float32
+        Written: what is kept.
+    learned : ndarray, shape (4, h, w), float32
+        Written: the new means.
     """

@@ -3,6 +3,9 @@
 
 #include "finder.hpp"
 #include "grids.hpp"
+#include "motion_fit.hpp"
+#include "patches.hpp"
+#include "persistence.hpp"
 #include "sweeps.hpp"
 #include "warping.hpp"
 
@@ -19,6 +22,9 @@ struct Level {
     const WarpKernels &warping;
     const GridKernels &grids;
     const FinderKernels &finder;
+    const PatchKernels &patches;
+    const MotionFitKernels &motion_fit;
+    const PersistenceKernels &persistence;
 };
 
 // Names of those that this processor can run, the most capable last.

@@ -4,6 +4,7 @@
 #include "flow.hpp"
 #include "levels.hpp"
 #include "multigrid.hpp"
+#include "patch_bindings.hpp"
 #include "views.hpp"
 
 #include <nanobind/ndarray.h>
@@ -288,4 +289,5 @@ NB_MODULE(kernels, module) {
     bind_multigrid(module);
     bind_pyramid(module);
     bind_finder(module);
+    bind_patch_tracker(module);
 }

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import keep
+from .._native import kernels
 from .state import Geometry, Pose, PropagationParams, PropagationState
 from .view import Patch
 
@@ -40,12 +40,10 @@ class Followed(NamedTuple):
     ----------
     flow : ndarray, shape (h, w, 2), float32
         Samples.
-    planes : ndarray, shape (5, h, w), float32
-        Weight of each pixel, share of "moves with the object" and prior weight: see :func:`.kernels.follow`.
+    planes : ndarray, shape (3, h, w), float32
+        Weight of each pixel, share of "moves with the object" and prior weight: see `fit_motion` in kernels.pyi.
     motion : tuple of float
         Translation (samples), growth and rotation (radians).
-    colour : float
-        Mean likelihood of the object's colours in the box; 1 where they do not tell.
     apart : bool
         The motions of object and surroundings could be told apart.
     """
@@ -53,7 +51,6 @@ class Followed(NamedTuple):
     flow: F32
     planes: F32
     motion: tuple[float, float, float, float]
-    colour: float
     apart: bool
 
 
@@ -125,10 +122,10 @@ def _kept(
     right, down = coarse.offset(pose)
     rate, mean_rate, mask_rate = rates
     kept, means = np.empty_like(state.kept), np.empty_like(model.means)
-    keep(
-        state.kept, followed.planes, followed.flow, right / unit, down / unit, zoom * math.cos(turn),
-        zoom * math.sin(turn), model.previous, patch, p.same, p.changed, rate, g.body, model.means, mean_rate,
-        mask_rate, g.weights, MASK_FLOOR, np.zeros((6, *kept.shape), np.float32), kept, means,
+    kernels.keep(
+        state.kept, g.body, model.previous, model.means, g.weights, followed.planes, followed.flow, patch,
+        right / unit, down / unit, zoom * math.cos(turn), zoom * math.sin(turn), p.same, p.changed, rate, mean_rate,
+        mask_rate, MASK_FLOOR, kept, means,
     )  # fmt: skip
     return kept, means
 

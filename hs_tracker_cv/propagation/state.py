@@ -35,7 +35,6 @@ _LARGEST = 8.0  # objects larger than that many frames are no objects
 F32 = NDArray[np.float32]
 _Fine = Annotated[F32, Shape("fine h", "fine w")]
 _Half = Annotated[F32, Shape("fine h/2", "fine w/2")]
-_Coarse = Annotated[F32, Shape("coarse h", "coarse w")]
 
 
 @dataclass(frozen=True)
@@ -190,9 +189,16 @@ class Geometry(NamedTuple):
     outside: _Fine
     body: _Half
     body_weights: _Half
-    window: _Coarse
     inside: Annotated[NDArray[np.uint8], Shape("coarse h", "coarse w")]
     lattice: Lattice
+
+    @property
+    def colours(self) -> tuple[int, int]:
+        """How many samples of the coarse window, in its middle, the fine patch covers, and a ring of two."""
+        ratio, (rows, columns) = self.fine_step / self.coarse_step, self.inside.shape
+        # Even numbers like the window's own, so that they are the same samples.
+        down, across = (2 * math.ceil(((side - 1) * ratio + 4) / 2) for side in self.weights.shape)
+        return min(down, rows), min(across, columns)
 
 
 class Before(NamedTuple):
@@ -339,8 +345,7 @@ def geometry_of(box: Box, p: PropagationParams) -> Geometry:
     return Geometry(
         box.w, box.h, fine_step, coarse_step, inner.astype(np.float32), weights.astype(np.float32),
         outside.astype(np.float32), halved((square < 1.2).astype(np.float32)),
-        np.float32(4.0) * halved(inner.astype(np.float32)), hann(ch, cw), inside.astype(np.uint8),
-        lattice_of(box.w, box.h),
+        np.float32(4.0) * halved(inner.astype(np.float32)), inside.astype(np.uint8), lattice_of(box.w, box.h),
     )  # fmt: skip
 
 
@@ -355,13 +360,6 @@ def belongs(state: PropagationState, width: int, height: int, p: PropagationPara
     own = geometry_of(Box(0.0, 0.0, g.w, g.h), p)
     pairs = zip((*g[:-1], *g.lattice), (*own[:-1], *own.lattice), strict=True)
     return all(np.array_equal(np.asarray(one), np.asarray(other)) for one, other in pairs)
-
-
-def hann(height: int, width: int) -> F32:
-    """Raised-cosine window (height, width) that fades to the border, without zero rows."""
-    rows = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(height) + 0.5) / height)
-    columns = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(width) + 0.5) / width)
-    return np.outer(rows, columns).astype(np.float32)
 
 
 def halved(plane: F32) -> F32:

@@ -8,13 +8,13 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
+from .._native import kernels
 from ..flow import HornSchunck
 from ..frames import Frame
 from ..geometry import Box
 from ..patches import COLOURS, GRAYS
 from . import finder as finders
 from .kept import MASK_FLOOR, Carried, Followed, body_weights, carried_along, coherence_with, kept_share, refreshed
-from .kernels import follow, recolour
 from .search import Found, find, look
 from .state import (
     Geometry,
@@ -41,10 +41,6 @@ _RIDE_RATE = 0.03
 _MAX_TURN = 0.15
 _LEAST_TURN = 0.01  # rad per frame: less is within the error of its measurement
 _ZOOMS = (0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.7)
-_BLUR = np.exp(np.linspace(-3.0, 3.0, 7) ** 2 / (-2.0 * 1.5**2)).astype(np.float32)
-_BLUR /= _BLUR.sum()
-_NO_BLUR = np.ones(1, np.float32)
-_NO_COLOURS = np.empty((0, 0), np.float32)
 _GOOD, _UNSURE, _WEAK, _BAD = "good", "unsure", "weak", "bad"
 
 
@@ -97,22 +93,15 @@ def _window(g: Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, 
 
 
 def _first_model(view: View, g: Geometry, pose: Pose) -> Model:
-    fine, first = view.fine(pose).gray, view.sight(pose, np.zeros((2, COLOURS), np.float32))
-    raw, histograms = first.raw, None
+    fine, colours, histograms = view.fine(pose).gray, view.colours(pose), None
     still, moving = np.zeros((*fine.shape, 2), np.float32), np.ones_like(fine)
     means = np.stack((fine, still[:, :, 0], moving, np.float32(1.0 + MASK_FLOOR) * g.weights))
-    if raw.shape[2] == 1 or float(np.abs(raw[:, :, 0] - raw[:, :, 2]).mean()) > _COLOUR_THRESHOLD:
-        nothing = np.zeros((2, GRAYS if raw.shape[2] == 1 else COLOURS), np.float32)
-        histograms = _recoloured(nothing, first.bins, g, 1.0)
-    located = finders.start(view.scene(pose), g.lattice, histograms is not None and raw.shape[2] == 3)
+    is_gray = len(colours) == 1
+    if is_gray or float(np.abs(colours[0] - colours[2]).mean()) > _COLOUR_THRESHOLD:
+        nothing = np.zeros((2, GRAYS if is_gray else COLOURS), np.float32)
+        histograms = view.learned_colours(pose, nothing, 1.0)
+    located = finders.start(view.scene(pose), g.lattice, histograms is not None and not is_gray)
     return Model(fine, means, fine[np.newaxis], 0, histograms, located)
-
-
-def _recoloured(histograms: F32, bins: NDArray[np.int32], g: Geometry, rate: float) -> F32:
-    """Histograms with one more window mixed in at `rate`."""
-    counts, mixed = np.zeros_like(histograms), np.empty_like(histograms)
-    recolour(bins, g.inside, _BLUR if histograms.shape[1] == GRAYS else _NO_BLUR, rate, histograms, counts, mixed)
-    return mixed
 
 
 def step(
@@ -186,17 +175,14 @@ def _followed(
     g: Geometry,
     p: PropagationParams,
     separation: float,
-    likelihood: F32,
+    likelihood: F32 | None = None,
 ) -> Followed:
     """What is fitted to the flow key → current; the colours of what was found there are a further weight."""
-    rows, columns = g.window.shape
-    x, y = 0.5 * (columns - 1), 0.5 * (rows - 1)
-    planes = np.empty((5, *prior.shape), np.float32)
-    *motion, colour, apart = follow(
-        key, current, flow, prior, likelihood, x, y, g.fine_step / g.coarse_step, g.inner, g.outside,
-        float(p.rotation), separation, planes,
-    )  # fmt: skip
-    return Followed(flow, planes, (motion[0], motion[1], motion[2], motion[3]), colour, bool(apart))
+    planes, ratio = np.empty((3, *prior.shape), np.float32), g.fine_step / g.coarse_step
+    *motion, apart = kernels.fit_motion(
+        key, current, flow, prior, likelihood, ratio, g.outside, p.rotation, separation, planes
+    )
+    return Followed(flow, planes, (motion[0], motion[1], motion[2], motion[3]), apart)
 
 
 def _applied(pose: Pose, followed: Followed, g: Geometry, limit: float) -> Pose:
@@ -211,7 +197,7 @@ def _applied(pose: Pose, followed: Followed, g: Geometry, limit: float) -> Pose:
 def _carry(state: PropagationState, view: View, found: Found, p: PropagationParams) -> Carried:
     g, model, coarse = state.geometry, state.model, found.pose
     start = view.fine(coarse)
-    likelihood = view.sight(coarse, model.histograms).likelihood
+    likelihood = None if model.histograms is None else view.likelihood(coarse, model.histograms)
     flow = _flow(model.previous, start.gray, p, p.levels)
     followed = _followed(model.previous, start.gray, flow, model.means[3], g, p, p.separation, likelihood)
     fine = _applied(coarse, followed, g, p.max_scale_step)
@@ -232,7 +218,7 @@ def _continue(state: PropagationState, view: View, expected: Pose, p: Propagatio
     current = view.fine(expected).gray
     prior = g.weights * (np.float32(MASK_FLOOR) + model.means[2]) * body_weights(state)
     flow = _flow(model.previous, current, p, p.levels)
-    followed = _followed(model.previous, current, flow, prior, g, p, p.separation, _NO_COLOURS)
+    followed = _followed(model.previous, current, flow, prior, g, p, p.separation)
     pose = _applied(expected, followed, g, 0.0)
     patch = view.fine(pose).gray
     before, coherence = coherence_with(state, current), coherence_with(state, patch)
@@ -272,7 +258,7 @@ def _registered(
 ) -> tuple[Pose, float]:
     """Pose to which the flow from a keyframe leads, and the agreement there; `current` is the patch at `pose`."""
     g, patch = state.geometry, state.model.keys[key]
-    followed = _followed(patch, current, _flow(patch, current, p, p.key_levels), prior, g, p, -1.0, _NO_COLOURS)
+    followed = _followed(patch, current, _flow(patch, current, p, p.key_levels), prior, g, p, -1.0)
     candidate = _applied(pose, followed, g, p.max_key_scale)
     return candidate, view.fine(candidate).keys[key]
 
@@ -351,7 +337,7 @@ def _learn(
     histograms = model.histograms
     located = finders.learn(model.located, view.scene(pose))
     if histograms is not None:
-        histograms = _recoloured(histograms, view.sight(pose, histograms).bins, g, p.colour_rate)
+        histograms = view.learned_colours(pose, histograms, p.colour_rate)
     keys, age = model.keys, model.key_age + 1
     if best_key < _KEY_MATCH and agreement > 0.6 and kept >= p.new_key and age >= p.key_gap:
         keys, age = np.stack((keys[0], *keys[1:][2 - p.keys :], model.previous)), 0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import patches
 from ..frames import Frame, crop, to_gray
-from ..patches import Place, Sight
+from ..patches import Place
 from .finder import PATCH, Scene
 from .state import Before, Geometry, Pose
 
@@ -66,11 +66,20 @@ class View:
             found = self._seen[pose] = Patch(gray, agreement, keys)
         return found
 
-    def sight(self, pose: Pose, histograms: F32 | None) -> Sight:
-        """Window of the correlation filter at a pose, and the object's colours in it."""
-        window = self._geometry.window
-        at = self._place(pose, self._geometry.coarse_step, *window.shape)
-        return patches.sight(self._colour, self._gray, at, histograms, window)
+    def likelihood(self, pose: Pose, histograms: F32) -> F32:
+        """Likelihood of the object's colours in the fine patch at a pose, on the coarse lattice."""
+        shape = self._geometry.colours
+        return patches.likelihood(self._colour, self._coarse(pose), histograms, shape)
+
+    def learned_colours(self, pose: Pose, histograms: F32, rate: float) -> F32:
+        """Histograms with the colours round a pose mixed in at that rate."""
+        at = self._coarse(pose)
+        return patches.learned_colours(self._colour, at, histograms, self._geometry.inside, rate)
+
+    def colours(self, pose: Pose) -> F32:
+        """Samples (C, h, w) of the coarse window at a pose."""
+        at, (rows, columns) = self._coarse(pose), self._geometry.inside.shape
+        return patches.colours(self._colour, at, (rows, columns))
 
     def scene(self, pose: Pose) -> Scene:
         """Window of the finder at a pose."""
@@ -102,6 +111,9 @@ class View:
     def contains(self, pose: Pose) -> bool:
         """Whether the pose's centre lies in the frame."""
         return 0 <= pose.cx / self._thin < self._frame.width and 0 <= pose.cy / self._thin < self._frame.height
+
+    def _coarse(self, pose: Pose) -> Place:
+        return self._place(pose, self._geometry.coarse_step, *self._geometry.inside.shape)
 
     def _place(self, pose: Pose, unit: float, rows: int, columns: int) -> Place:
         """Where a patch is in the part cut, which is made to hold it."""
