@@ -392,13 +392,22 @@ def _megabytes(tree: list[psutil.Process]) -> float:
     """Memory of their own: pages of libraries are nobody's, those of forked processes are counted once."""
     total = 0.0
     for process in tree:
-        with contextlib.suppress(psutil.Error):
-            memory = process.memory_info()
-            if len(tree) > 1 and sys.platform.startswith("linux"):
+        with contextlib.suppress(psutil.Error, OSError):
+            if not sys.platform.startswith("linux"):
+                memory = process.memory_info()
+                total += memory.rss - getattr(memory, "shared", 0)
+            elif len(tree) > 1:
                 total += process.memory_full_info().pss
             else:
-                total += memory.rss - getattr(memory, "shared", 0)
+                total += _own_bytes(process.pid)
     return total / 2**20
+
+
+def _own_bytes(process: int) -> int:
+    """Resident memory without the pages of files; what a process could share with others (``mmap``) is its own."""
+    lines = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace").splitlines()
+    sizes = [line.split()[1] for line in lines if line.startswith(("RssAnon:", "RssShmem:"))]
+    return 1024 * sum(map(int, sizes))
 
 
 def _death(code: int, complaint: str) -> str:

@@ -142,6 +142,7 @@ def is_dropped(image: Any) -> bool:
     return image is None or (isinstance(image, np.ndarray) and image.size == 0)
 
 
+@fixed_errstate
 def as_frame(image: Any, gain: float | None = None) -> Frame:
     """Check an image and return a view of it.
 
@@ -168,6 +169,7 @@ def as_frame(image: Any, gain: float | None = None) -> Frame:
     return Frame(pixels, *value_range(pixels, gain))
 
 
+@fixed_errstate
 def as_pair(first: Any, second: Any, gain: float | None = None) -> tuple[Frame, Frame]:
     """Check two frames of one video: of one size, and of one range where they are of one dtype.
 
@@ -195,6 +197,7 @@ def as_pair(first: Any, second: Any, gain: float | None = None) -> tuple[Frame, 
     return Frame(before, *ranges[0]), Frame(after, *ranges[1])
 
 
+@fixed_errstate
 def next_frame(image: Any, video: VideoFormat) -> Frame:
     """Check the next frame of a video; its size is compared before any pixel is read.
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import re
+import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -260,6 +262,31 @@ def test_the_server_ends_with_its_parent() -> None:
         parent.kill()
         psutil.wait_procs([server.process], timeout=PATIENCE)
         assert not server.process.is_running()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of other systems")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_uploads_do_not_outlive_the_page(
+    video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """However the command ends, with pages open, nothing stays in the folder of temporary files."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with serving() as server:
+        page = server.get("/").text
+        address = next(iter(re.findall(r"/_nicegui/client/[^/]+/upload/\d+", page)))
+        files = {"file": ("mine.avi", video.read_bytes())}
+        headers = {"Cookie": server.cookie, "Origin": server.origin}
+        assert httpx.post(server.origin + address, files=files, headers=headers).status_code == 200
+        # The answer does not wait for the page to take it.
+        end = time.monotonic() + PATIENCE
+        while not (stored := list(tmp_path.rglob("*.avi"))) and time.monotonic() < end:
+            time.sleep(0.05)
+        assert len(stored) == 1
+        parent = server.process.parent()
+        assert parent is not None
+        parent.send_signal(number)
+        psutil.wait_procs([parent, server.process], timeout=PATIENCE)
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_modules_of_the_working_directory_are_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

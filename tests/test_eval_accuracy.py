@@ -36,7 +36,7 @@ ROOT = Path(__file__).resolve().parents[1]
 COUNT = 6
 
 BAD_TRACKERS = '''
-import ctypes, itertools, os, signal, subprocess, sys, threading, time
+import ctypes, itertools, mmap, os, signal, subprocess, sys, threading, time
 import numpy as np
 
 class Base:
@@ -59,6 +59,15 @@ def _fill(self):
         held.append(np.ones(2_000_000))
         time.sleep(0.01)
 
+def _fill_shared(self):
+    """What is mapped to be shared, as multiprocessing's arrays are, is memory like any other."""
+    held = []
+    for _ in range(100):
+        held.append(mmap.mmap(-1, 2**24))
+        held[-1].write(bytes(2**24))
+        time.sleep(0.01)
+    return True, self.box
+
 Fine = bad("Fine", lambda self: (True, self.box))
 Segfault = bad("Segfault", lambda self: ctypes.string_at(0))
 Hang = bad("Hang", lambda self: time.sleep(600))
@@ -67,6 +76,7 @@ Nan = bad("Nan", lambda self: (True, (float("nan"), 0, 5, 5)))
 Outside = bad("Outside", lambda self: (True, (5000, 5000, 5, 5)))
 Flat = bad("Flat", lambda self: (True, (5, 5, 0, 5)))
 Memory = bad("Memory", _fill)
+SharedMemory = bad("SharedMemory", _fill_shared)
 Leave = bad("Leave", lambda self: os._exit(3))
 LeaveFull = bad("LeaveFull", lambda self: os._exit(74))
 Quit = bad("Quit", lambda self: sys.exit(0))
@@ -497,9 +507,10 @@ def test_a_tracker_that_hangs_is_ended(bad: Callable[..., TrackerSpec], sequence
     assert run.trajectory.ok.tolist() == [True, True, True, False, False, False]
 
 
-def test_a_tracker_that_eats_memory_is_ended(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+@pytest.mark.parametrize("name", ["Memory", "SharedMemory"])
+def test_a_tracker_that_eats_memory_is_ended(name: str, bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
     """It ends at its own limit and not at that of the machine."""
-    run = run_one(Job(bad("Memory"), sequence), limits=Limits(seconds=60.0, megabytes=400.0))
+    run = run_one(Job(bad(name), sequence), limits=Limits(seconds=60.0, megabytes=400.0))
     assert run.status == "used more than 400 MB of memory at frame 3"
 
 

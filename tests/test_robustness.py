@@ -23,7 +23,16 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hs_tracker_cv import Box, HornSchunck, MotionDetector, TrackerHS, TrackerHS_create, TrackerHS_Params
+from hs_tracker_cv import (
+    AutomaticTracker,
+    Box,
+    HornSchunck,
+    MotionDetector,
+    MultiTrackerHS,
+    TrackerHS,
+    TrackerHS_create,
+    TrackerHS_Params,
+)
 from hs_tracker_cv.display import draw_box
 from hs_tracker_cv.flow import derivatives
 from hs_tracker_cv.frames import InputError
@@ -479,6 +488,10 @@ def answers_of_the_library(kind: tuple[str, int], fill: str | None) -> list[Any]
         for frame in frames[1:]:
             tracker.check(frame)
             told += [tracker.update(frame), known(tracker), tracker.debug().normal_flow.tobytes()]
+    several, automatic = MultiTrackerHS(), AutomaticTracker()
+    for frame in frames[:2]:
+        several.add(TrackerHS_create(), frame, ROI)
+    told += [str(answer) for frame in frames[1:] for answer in (several.update(frame), automatic.update(frame))]
     for mode in ("classic", "solve", "fast", "default", "accurate"):
         told.append(HornSchunck(mode).calc(frames[2], frames[3]).tobytes())
     told += [region.box for region in MotionDetector().detect(frames[2], frames[4])]

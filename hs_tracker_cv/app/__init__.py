@@ -130,12 +130,20 @@ def _page(name: str, port: int | None, **arguments: Any) -> Iterator[_Page]:
         raise VideoError(f"expected a port from 1 to 65535, got {port}")
     _require_nicegui()
     token, ticket = secrets.token_urlsafe(), secrets.token_urlsafe()
-    order = {"page": name, "port": port or 0, "token": token, "ticket": ticket, "arguments": arguments}
-    # NiceGUI writes a storage folder into the working directory unless told otherwise.
-    with tempfile.TemporaryDirectory(prefix="hs-track-storage-") as storage:
+    # A server that is killed, or ends by a signal, deletes no uploads: they lie in a folder of ours.
+    with tempfile.TemporaryDirectory(prefix="hs-track-page-") as folder:
+        order = {
+            "page": name,
+            "port": port or 0,
+            "token": token,
+            "ticket": ticket,
+            "folder": folder,
+            "arguments": arguments,
+        }
         process = subprocess.Popen(
             [sys.executable, "-c", LAUNCH, str(Path(__file__).resolve().parents[2])],
-            env={**os.environ, "NICEGUI_STORAGE_PATH": storage},
+            # NiceGUI writes a storage folder into the working directory unless told otherwise.
+            env={**os.environ, "NICEGUI_STORAGE_PATH": folder},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

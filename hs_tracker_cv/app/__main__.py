@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
+import tempfile
 
 from ..video import silence_decoders
 from .page import app_page
@@ -17,6 +19,7 @@ def _main() -> None:
     silence_decoders()
     # Secrets come through a pipe: other users may read the command line of a process.
     order = json.loads(sys.stdin.readline())
+    tempfile.tempdir = order["folder"]
     try:
         listener = listen(order["port"])
     except OSError as error:
@@ -28,6 +31,8 @@ def _main() -> None:
     else:
         app_page(**order["arguments"])
     server.serve_until_end()
+    # If the parent has been killed, nobody else does.
+    shutil.rmtree(order["folder"], ignore_errors=True)
 
 
 if __name__ == "__main__":
