@@ -8,8 +8,9 @@ from .render import Truth, frames, objects, render, truth
 from .sequence import Sequence
 from .spec import SequenceSpec
 from .suites import SUITES, canonical, suite
+from .sweeps import SWEEPS
 
 __all__ = [
-    "SUITES", "Sequence", "SequenceSpec", "Truth", "canonical", "crowd", "draw", "draw_mixed", "frames",
+    "SUITES", "SWEEPS", "Sequence", "SequenceSpec", "Truth", "canonical", "crowd", "draw", "draw_mixed", "frames",
     "from_plain", "objects", "parameters", "render", "suite", "to_plain", "truth",
 ]  # fmt: skip

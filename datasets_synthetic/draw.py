@@ -8,6 +8,7 @@ from theme, seed and index alone: how many are drawn, and in which process, chan
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,7 +18,10 @@ from .spec import Actor, Camera, Effect, Motion, Path, Scene, SequenceSpec
 from .themes import NUISANCES, THEMES
 from .ways import WAYS, random_point
 
-__all__ = ["draw", "draw_mixed"]
+__all__ = ["Change", "draw", "draw_mixed"]
+
+Change = Callable[[Draft], None]
+"""What is done to a draft when all of it is drawn, before its way is laid."""
 
 _NUISANCES = (0.25, 0.35, 0.25, 0.15)
 """Chances of none, one, two, three."""
@@ -84,7 +88,7 @@ def _finish(draft: Draft, name: str, theme: str) -> SequenceSpec:
     )
 
 
-def draw(theme: str, seed: int, index: int) -> SequenceSpec:
+def draw(theme: str, seed: int, index: int, change: Change | None = None) -> SequenceSpec:
     """Draw a sequence.
 
     Parameters
@@ -93,6 +97,8 @@ def draw(theme: str, seed: int, index: int) -> SequenceSpec:
         Name in ``THEMES``.
     seed, index : int
         Which distribution suite, and which of its sequences. Nothing else decides about the draw.
+    change : callable, optional
+        What is to be otherwise than it was drawn.
 
     Returns
     -------
@@ -119,10 +125,12 @@ def draw(theme: str, seed: int, index: int) -> SequenceSpec:
         add(draft)
         draft.attributes.append(name)
         taken.update(kinds)
+    if change is not None:
+        change(draft)
     return _finish(draft, f"{theme}_{seed}_{index}", theme)
 
 
-def draw_mixed(seed: int, index: int) -> SequenceSpec:
+def draw_mixed(seed: int, index: int, change: Change | None = None) -> SequenceSpec:
     """Draw sequence `index` of all themes by turns, in an order that the seed decides; see :func:`draw`."""
     order = sorted(THEMES, key=lambda theme: Dice("order", seed, theme).share())
-    return draw(order[index % len(order)], seed, index)
+    return draw(order[index % len(order)], seed, index, change)

@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path as FilePath
 
 from .crowd import crowd
-from .draw import draw, draw_mixed
+from .draw import Change, draw, draw_mixed
 from .plain import from_plain
 from .spec import Actor, Camera, Deep, Deform, Effect, Motion, Path, Scene, SequenceSpec, Shadow, Texture
 from .themes import THEMES
@@ -708,8 +708,8 @@ def canonical(name: str) -> str:
     return f"{found['kind']}:{count}:{seed}"
 
 
-def suite(name: str) -> tuple[SequenceSpec, ...]:
-    """Specs of a suite, named as :func:`canonical` takes it."""
+def suite(name: str, change: Change | None = None) -> tuple[SequenceSpec, ...]:
+    """Specs of a suite, named as :func:`canonical` takes it; `change` is done to each draft of ``drawn``."""
     name = canonical(name)
     if name in SUITES:
         return SUITES[name]
@@ -718,5 +718,5 @@ def suite(name: str) -> tuple[SequenceSpec, ...]:
     if kind == "crowd":
         return tuple(crowd(int(seed), index) for index in range(int(count)))
     if theme:
-        return tuple(draw(theme, int(seed), index) for index in range(int(count)))
-    return tuple(draw_mixed(int(seed), index) for index in range(int(count)))
+        return tuple(draw(theme, int(seed), index, change) for index in range(int(count)))
+    return tuple(draw_mixed(int(seed), index, change) for index in range(int(count)))

@@ -15,6 +15,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "flow": ("eval.flow.command:main_flow", "compare dense flow methods on true flow"),
     "mot": ("eval.mot.command:main_mot", "compare trackers of several objects, for where and for who"),
     "bench": ("eval.commands:bench", "run, speed and report on one suite with every tracker"),
+    "sweep": ("eval.commands:sweep", "the same draws with one parameter set to one value after the other"),
     "ablate": ("eval.commands:ablate", "what each part of TrackerHS is worth"),
     "check": ("eval.commands:check", "compare with the committed reference figures"),
     "report": ("eval.commands:report", "tables, plots and the HTML report from stored results"),

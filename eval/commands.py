@@ -7,11 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
+import tyro
 
 from . import ablation, regression
-from .accuracy import make_jobs, run_jobs
+from .accuracy import Job, make_jobs, run_jobs
 from .datasets import load_dataset
 from .options import Dataset, Datasets, Jobs, Only, Out, Paths, Suite, SuiteName, Suites, Trackers, listed
+from .plots import write_figure
 from .process import Limits
 from .progress import Steps, make_console
 from .protocol_tables import protocol_tables
@@ -20,6 +22,7 @@ from .report import write_figures, write_report
 from .results import COMPLETED, Folder, Run, SpeedRun
 from .sequences import Sequence, canonical_suite, load_suite, suite_folder
 from .speed import BLOCK, TIMED_UPDATES, measure_speed
+from .sweep import BOX, Grid, sweep_figure, sweep_jobs, sweep_sequences, sweep_table, sweep_text
 from .tables import (
     Summary,
     console_table,
@@ -41,7 +44,7 @@ from .tables import (
 from .trackers import DEFAULT_TRACKERS, TrackerSpec, find_tracker
 from .truthfiles import SequenceError
 
-__all__ = ["ablate", "bench", "check", "report", "run", "speed"]
+__all__ = ["ablate", "bench", "check", "report", "run", "speed", "sweep"]
 
 _console = make_console()
 
@@ -181,6 +184,45 @@ def bench(*, suite: SuiteName = "standard", jobs: Jobs = 2, repeats: int = 1, ou
     _run_with_progress(specs, found, folder, jobs, Limits(), 0, False)
     _speed_with_progress(specs, found, folder, Limits(60.0))
     report(out=out, only=folder.path.name)
+
+
+def sweep(
+    parameter: tyro.conf.Positional[str],
+    *,
+    suite: SuiteName = "drawn:20:1",
+    trackers: Trackers = DEFAULT_TRACKERS,
+    chosen: str = "TrackerHS",
+    jobs: Jobs = 2,
+    out: Out = Path("results"),
+) -> None:
+    """The same draws again and again with one parameter set to one value after the other: table and plot.
+
+    Parameters
+    ----------
+    parameter
+        NAME=FIRST:LAST:STEP or NAME=VALUE,VALUE; noise, rotation, speed, size, contrast, blur, compression,
+        occlusion, or box (error of the start box).
+    chosen
+        Tracker whose line stands out.
+    """
+    grid = Grid.parse(parameter)
+    specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
+    name = canonical_suite(suite)
+    found = sweep_sequences(grid, name)
+    folder = _results_of(out, f"sweep-{grid.name}-", f"suite:{name}")
+    folder.write_manifest(f"suite:{name}", found, _place(f"suite:{name}"))
+    _run_jobs_with_progress(sweep_jobs(grid, specs, found), f"{grid.name} on {name}", folder, jobs, Limits(), False)
+    runs = folder.read_protocol_runs() if grid.name == BOX else folder.read_runs()
+    table = sweep_table(grid, [run for run in runs if run.tracker in {spec.name for spec in specs}], found)
+    write_numbers(table, "sweep", folder.path / "tables")
+    for title, text in sweep_text(table, grid).items():
+        kind = title.replace(" ", "-")
+        write_table(
+            text, f"sweep-{kind}", folder.path / "tables", caption=f"{title} against {grid.title}, on {name}."
+        )
+        _console.print(console_table(text, f"{title} against {grid.title}, on {name}"))
+    plots = write_figure(sweep_figure(table, grid, chosen), "sweep", folder.path / "plots")
+    _console.print(f"plot: {plots[0].resolve()}", soft_wrap=True)
 
 
 def ablate(
@@ -325,7 +367,14 @@ def _run_with_progress(
     protocol: Protocol = ONE_PASS,
 ) -> None:
     jobs = make_jobs(specs, sequences, starts=starts, protocol=protocol)
-    with Steps(_console, f"{len(specs)} trackers × {len(sequences)} sequences", len(jobs)) as steps:
+    title = f"{len(specs)} trackers × {len(sequences)} sequences"
+    _run_jobs_with_progress(jobs, title, folder, workers, limits, retry_failed)
+
+
+def _run_jobs_with_progress(
+    jobs: list[Job], title: str, folder: Folder, workers: int, limits: Limits, retry_failed: bool
+) -> None:
+    with Steps(_console, title, len(jobs)) as steps:
 
         def done(finished: Run, reused: bool, note: str) -> None:
             steps.advance()

@@ -20,12 +20,14 @@ from .results import ResultsError
 from .statistics import calibration_error, median_known
 
 __all__ = [
+    "SETTINGS",
     "as_svg",
     "before_loss_plot",
     "calibration_plot",
     "colour_of",
     "precision_plot",
     "speed_plot",
+    "style_of",
     "success_plot",
     "write_figure",
 ]
@@ -37,7 +39,7 @@ Curves = Mapping[str, tuple[FloatArray, FloatArray]]
 _CHOSEN = "#d55e00"
 _OTHERS = ("#0072b2", "#009e73", "#e69f00", "#56b4e9", "#cc79a7", "#000000", "#8c8c8c")
 _DASHES: tuple[str, ...] = ("-", "--", ":")
-_SETTINGS: Any = {
+SETTINGS: Any = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 9.0,
@@ -54,7 +56,8 @@ def colour_of(tracker: str, trackers: list[str], chosen: str) -> str:
     return _OTHERS[others.index(tracker) % len(_OTHERS)]
 
 
-def _style(tracker: str, trackers: list[str], chosen: str) -> dict[str, Any]:
+def style_of(tracker: str, trackers: list[str], chosen: str) -> dict[str, Any]:
+    """Colour, dash and width of a tracker's line."""
     others = sorted(name for name in trackers if name != chosen)
     dash = "-" if tracker == chosen else _DASHES[others.index(tracker) // len(_OTHERS) % len(_DASHES)]
     width = 2.6 if tracker == chosen else 1.3
@@ -77,7 +80,7 @@ def as_svg(figure: Figure | None) -> str:
     if figure is None:
         return ""
     buffer = io.StringIO()
-    with matplotlib.rc_context(_SETTINGS):
+    with matplotlib.rc_context(SETTINGS):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     return re.sub(r"^.*?(?=<svg)", "", buffer.getvalue(), flags=re.DOTALL)
 
@@ -93,7 +96,7 @@ def write_figure(figure: Figure, name: str, folder: Path) -> list[Path]:
     paths = [folder / f"{name}.{kind}" for kind in ("svg", "pdf")]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with matplotlib.rc_context(_SETTINGS):
+        with matplotlib.rc_context(SETTINGS):
             figure.savefig(paths[0], metadata={"Date": None})
             figure.savefig(paths[1], metadata={"CreationDate": None})
     except OSError as error:
@@ -103,10 +106,10 @@ def write_figure(figure: Figure, name: str, folder: Path) -> list[Path]:
 
 def success_plot(curves: Curves, scores: Mapping[str, float], chosen: str) -> Figure:
     """Share of frames over the IoU threshold; the legend gives the area, best first."""
-    with matplotlib.rc_context(_SETTINGS):
+    with matplotlib.rc_context(SETTINGS):
         figure, axes = _new(6.8, 4.2)
         for name in sorted(curves, key=lambda name: -scores[name]):
-            style = _style(name, list(curves), chosen)
+            style = style_of(name, list(curves), chosen)
             axes.plot(SUCCESS_THRESHOLDS, curves[name][0], label=f"{name} {scores[name]:.3f}", **style)
         axes.set(xlabel="IoU threshold", ylabel="share of frames with IoU ≥ threshold", xlim=(0, 1), ylim=(0, 1.01))
         figure.legend(title="AUC", fontsize=8, loc="outside right upper")
@@ -115,11 +118,11 @@ def success_plot(curves: Curves, scores: Mapping[str, float], chosen: str) -> Fi
 
 def precision_plot(curves: Curves, chosen: str) -> Figure:
     """Share of frames over the distance of the centres; the legend gives it at 20 px, best first."""
-    with matplotlib.rc_context(_SETTINGS):
+    with matplotlib.rc_context(SETTINGS):
         figure, axes = _new(6.8, 4.2)
         at_20 = {name: float(curve[1][PRECISION_THRESHOLDS == 20.0][0]) for name, curve in curves.items()}
         for name in sorted(curves, key=lambda name: -at_20[name]):
-            style = _style(name, list(curves), chosen)
+            style = style_of(name, list(curves), chosen)
             axes.plot(PRECISION_THRESHOLDS, curves[name][1], label=f"{name} {at_20[name]:.3f}", **style)
         axes.axvline(20.0, color="#999999", linewidth=0.8)
         axes.set(xlabel="distance of the centres, px", ylabel="share of frames", xlim=(0, 50), ylim=(0, 1.01))
@@ -133,7 +136,7 @@ def speed_plot(table: pd.DataFrame, chosen: str) -> Figure | None:
     known = table[table["fps"] < 1e5].dropna(subset=["fps", "mean_iou"])
     if known.empty:
         return None
-    with matplotlib.rc_context(_SETTINGS):
+    with matplotlib.rc_context(SETTINGS):
         figure, axes = _new(5.4, 4.2)
         names = list(table["tracker"])
         axes.set_xscale("log")
@@ -159,7 +162,7 @@ def calibration_plot(tables: Mapping[str, pd.DataFrame], chosen: str) -> Figure 
     """
     if not tables:
         return None
-    with matplotlib.rc_context(_SETTINGS):
+    with matplotlib.rc_context(SETTINGS):
         figure, axes = _new(5.4, 4.2)
         axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8)
         for name, table in tables.items():
@@ -189,10 +192,10 @@ def before_loss_plot(scores: Mapping[str, FloatArray], chosen: str, *, before: i
     """Score in the frames round a loss: the median, and of the chosen tracker each loss as a thin line."""
     if not scores:
         return None
-    with matplotlib.rc_context(_SETTINGS):
+    with matplotlib.rc_context(SETTINGS):
         figure, axes = _new(5.4, 4.2)
         for name, rows in scores.items():
-            style, frames = _style(name, list(scores), chosen), np.arange(rows.shape[1]) - before
+            style, frames = style_of(name, list(scores), chosen), np.arange(rows.shape[1]) - before
             if name == chosen:
                 axes.plot(frames, rows.T, color=style["color"], linewidth=0.8, alpha=0.45)
             label = f"{name}, {len(rows)} {'loss' if len(rows) == 1 else 'losses'}"

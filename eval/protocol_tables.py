@@ -66,9 +66,9 @@ def protocol_tables(runs: Iterable[Run], sequences: Iterable[Sequence]) -> dict[
             or len(run.trajectory.ok) != len(sequence)
         ):
             continue
-        if run.protocol == ONE_PASS.key and run.start:
-            continue
         name = "long-term" if run.protocol == ONE_PASS.key else run.protocol
+        if name.partition(":")[0] not in _TABLES or (run.protocol == ONE_PASS.key and run.start):
+            continue
         by_protocol.setdefault(name, []).append(_led(run, sequence))
     tables = {}
     for name, found in by_protocol.items():
@@ -104,6 +104,13 @@ def _sorted(rows: list[dict[str, object]], by: str) -> pd.DataFrame:
     return table.sort_values(by, ascending=False, kind="stable", ignore_index=True)
 
 
+def _interval(values: pd.Series[float], own: list[_Led]) -> tuple[float, float]:
+    """Interval of the mean over sequences; scenes are what is independent."""
+    scenes = {led.run.sequence: led.sequence.scene for led in own}
+    low, high = mean_interval(np.asarray(values, dtype=np.float64), [scenes[str(name)] for name in values.index])
+    return max(low, 0.0), min(high, 1.0)
+
+
 # --- other starts ----------------------------------------------------------------------------------------------
 
 
@@ -114,14 +121,14 @@ def _starts_table(found: Mapping[str, list[_Led]], passes: list[_Led]) -> pd.Dat
         scores = pd.DataFrame([{"sequence": led.run.sequence, **summarise(led.scores)} for led in own])
         grouped = scores.groupby("sequence", sort=False)
         means = grouped[["mean_iou", "auc", "sr50", "precision20"]].mean()
-        low, high = np.clip(mean_interval(means["mean_iou"].to_numpy(float)), 0.0, 1.0)
+        low, high = _interval(means["mean_iou"], own)
         rows.append(
             {
                 "tracker": tracker,
                 "runs": len(own),
                 **{str(name): float(value) for name, value in means.mean().items()},
-                "low": float(low),
-                "high": float(high),
+                "low": low,
+                "high": high,
                 "worst_start": float(grouped["mean_iou"].min().mean()),
             }
         )
@@ -239,15 +246,15 @@ def _realtime_table(found: Mapping[str, list[_Led]], passes: list[_Led]) -> pd.D
     for tracker, own in found.items():
         means = pd.DataFrame([{"sequence": led.run.sequence, **summarise(led.scores)} for led in own])
         by_sequence = means.groupby("sequence", sort=False)[["mean_iou", "auc", "sr50"]].mean()
-        low, high = np.clip(mean_interval(by_sequence["mean_iou"].to_numpy(float)), 0.0, 1.0)
+        low, high = _interval(by_sequence["mean_iou"], own)
         dropped = [len(led.run.marks.get("dropped", ())) / (len(led.sequence) - 1) for led in own]
         before = [unhurried.get((tracker, str(name)), math.nan) for name in by_sequence.index]
         rows.append(
             {
                 "tracker": tracker,
                 **{str(name): float(value) for name, value in by_sequence.mean().items()},
-                "low": float(low),
-                "high": float(high),
+                "low": low,
+                "high": high,
                 "dropped": float(np.mean(dropped)),
                 "unhurried": float(np.mean(before)),
             }

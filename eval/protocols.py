@@ -40,6 +40,7 @@ __all__ = [
     "Step",
     "Walk",
     "find_protocol",
+    "misplaced",
     "start_box",
 ]
 
@@ -192,6 +193,25 @@ def _times(sequence: Sequence) -> list[int]:
 def _later(sequence: Sequence, start: int) -> tuple[int, Box]:
     index = _times(sequence)[start]
     return index, _true_box(sequence, index)
+
+
+def misplaced(error: float) -> Protocol:
+    """One pass from a start box that is wrong by a known share of its size.
+
+    Parameters
+    ----------
+    error : float
+        Position and size are off by so much, each to one side or the other; to which, the sequence's name decides.
+    """
+
+    def begin(sequence: Sequence, start: int) -> tuple[int, Box]:
+        x, y, w, h = (float(value) for value in sequence.boxes[0])
+        seed = hashlib.sha256(f"{sequence.name}\0box".encode()).digest()
+        dx, dy, dw, dh = np.random.default_rng(list(seed)).choice([-error, error], 4)
+        moved = (x + (dx - dw / 2) * w, y + (dy - dh / 2) * h, w * (1 + dw), h * (1 + dh))
+        return 0, whole_box(moved, sequence.size)
+
+    return Protocol(f"box:{error:g}", "box", _pass, begin)
 
 
 # --- restarts ------------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from .truthfiles import SequenceError
 if TYPE_CHECKING:
     from datasets_synthetic import SequenceSpec
 
-__all__ = ["Sequence", "canonical_suite", "load_suite", "suite_folder"]
+__all__ = ["Sequence", "canonical_suite", "from_spec", "load_suite", "suite_folder"]
 
 
 @dataclass(frozen=True)
@@ -130,10 +130,11 @@ def load_suite(name: str) -> list[Sequence]:
     """
     from datasets_synthetic import suite
 
-    return [_from_spec(spec) for spec in suite(canonical_suite(name))]
+    return [from_spec(spec) for spec in suite(canonical_suite(name))]
 
 
-def _from_spec(spec: SequenceSpec) -> Sequence:
+def from_spec(spec: SequenceSpec) -> Sequence:
+    """Sequence of the laboratory: its truth; the frames are rendered when they are asked for."""
     from datasets_synthetic import parameters, truth
 
     digest, known = digest_of(spec), truth(spec)
