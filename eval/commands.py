@@ -138,9 +138,10 @@ def report(
     only: str | None = None,
     chosen: str = "TrackerHS",
     trackers: tuple[str, ...] | None = None,
-    videos: int = 3,
+    videos: int = 0,
+    shown: tuple[str, ...] = (),
 ) -> None:
-    """Turn stored results into tables, plots and a one-file HTML report. Runs no tracker.
+    """Turn stored results into tables, plots, an HTML report and a page per sequence. Runs no tracker.
 
     Parameters
     ----------
@@ -151,7 +152,9 @@ def report(
     trackers
         Only these.
     videos
-        Number of sequences with a playable video.
+        Number of sequences whose page has a video beside it.
+    shown
+        Trackers whose boxes are drawn; the chosen one and the best other one by default.
     """
     folders = [out / only] if only else sorted(path.parent for path in out.glob("*/run.json"))
     if not folders:
@@ -161,7 +164,7 @@ def report(
         summary = summarise_folder(folder, chosen=chosen, trackers=None if trackers is None else list(trackers))
         write_tables(summary, path / "tables")
         write_figures(summary, path / "plots")
-        write_report(summary, folder, path / "report.html", videos=videos)
+        write_report(summary, folder, path / "report.html", videos=videos, shown=shown)
         if len(summary.themes):
             for table, title in _details(summary):
                 _console.print(console_table(table, title))

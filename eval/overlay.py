@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,10 @@ from hs_tracker_cv.video import VideoError, VideoSink
 from .results import ResultsError, Run
 from .sequences import Sequence
 
-__all__ = ["contact_sheet", "encode_jpeg", "write_video"]
+__all__ = ["VIDEO_FPS", "contact_sheet", "encode_jpeg", "frame_pictures", "write_video"]
+
+VIDEO_FPS = 15.0
+"""Frames per second of the videos."""
 
 _TRUTH = (255, 255, 255)
 _SIDE = 240  # px: shorter side of one picture of a contact sheet is about this
@@ -47,16 +50,34 @@ def contact_sheet(
     FrameSourceError or OSError
         If the frames are not there any more.
     """
-    chosen = set(np.linspace(1, len(sequence) - 1, count).round().astype(int).tolist())
-    zoom = _SIDE / sequence.size[1]
-    pictures = []
+    chosen = sorted(set(np.linspace(1, len(sequence) - 1, count).round().astype(int).tolist()))
+    pictures = frame_pictures(sequence, runs, colours, chosen).values()
+    framed = [cv2.copyMakeBorder(one, 0, 0, 0, 2, cv2.BORDER_CONSTANT, value=_TRUTH) for one in pictures]
+    return np.asarray(np.concatenate(framed, axis=1), dtype=np.uint8)
+
+
+def frame_pictures(
+    sequence: Sequence, runs: Mapping[str, Run], colours: Mapping[str, str], indices: Iterable[int]
+) -> dict[int, Image]:
+    """Frames by their numbers, in order, with the truth in white and each tracker in its colour.
+
+    A box that was answered with False is thin.
+
+    Raises
+    ------
+    FrameSourceError or OSError
+        If the frames are not there any more.
+    """
+    wanted, zoom = set(indices), _SIDE / sequence.size[1]
+    found: dict[int, Image] = {}
+    if not wanted:
+        return found
     for index, frame in enumerate(sequence.frames):
-        if index in chosen:
-            drawn = _drawn(frame, index, sequence, runs, colours, zoom)
-            pictures.append(cv2.copyMakeBorder(drawn, 0, 0, 0, 2, cv2.BORDER_CONSTANT, value=_TRUTH))
-        if len(pictures) == len(chosen):
+        if index in wanted:
+            found[index] = _drawn(frame, index, sequence, runs, colours, zoom)
+        if index >= max(wanted):
             break
-    return np.asarray(np.concatenate(pictures, axis=1), dtype=np.uint8)
+    return found
 
 
 def encode_jpeg(picture: Image) -> bytes:
@@ -65,7 +86,7 @@ def encode_jpeg(picture: Image) -> bytes:
 
 
 def write_video(
-    path: Path, sequence: Sequence, runs: Mapping[str, Run], colours: Mapping[str, str], *, fps: float = 15.0
+    path: Path, sequence: Sequence, runs: Mapping[str, Run], colours: Mapping[str, str], *, fps: float = VIDEO_FPS
 ) -> None:
     """Write a WebM (VP8) of the whole sequence with all boxes.
 
@@ -102,8 +123,9 @@ def _drawn(
         _rectangle(picture, sequence.boxes[index] * zoom, (0, 0, 0), 3)
         _rectangle(picture, sequence.boxes[index] * zoom, _TRUTH, 1)
     for name, run in runs.items():
-        if run.trajectory.ok[index] and np.isfinite(run.trajectory.boxes[index]).all():
-            _rectangle(picture, run.trajectory.boxes[index] * zoom, _bgr(colours[name]), 2)
+        if np.isfinite(run.trajectory.boxes[index]).all():
+            width = 2 if run.trajectory.ok[index] else 1
+            _rectangle(picture, run.trajectory.boxes[index] * zoom, _bgr(colours[name]), width)
     cv2.putText(picture, str(index), (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
     cv2.putText(picture, str(index), (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _TRUTH, 1, cv2.LINE_AA)
     return picture

@@ -1,11 +1,11 @@
-"""The report: one HTML file with everything in it, to be opened anywhere and sent to anyone."""
+"""The report: one HTML file with all figures in it, to be sent to anyone, and beside it a page for each sequence."""
 
 from __future__ import annotations
 
 import base64
 import html
 import re
-import tempfile
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -14,9 +14,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from . import metrics, protocols
+from .diagnosis import Failure, failures
 from .framesource import FrameSourceError
 from .metrics import METRICS
-from .overlay import contact_sheet, encode_jpeg, write_video
+from .overlay import contact_sheet, encode_jpeg
+from .pages import page_name, write_page
 from .plots import (
     as_svg,
     before_loss_plot,
@@ -29,7 +31,7 @@ from .plots import (
 )
 from .results import Folder, ResultsError, Run, SpeedRun
 from .sequences import Sequence
-from .statistics import LOW_QUANTILE, SURE, calibration, curves, score_before_loss
+from .statistics import LOW_QUANTILE, SURE, ScoredRun, calibration, curves, score_before_loss
 from .tables import (
     Summary,
     attribute_table,
@@ -51,11 +53,16 @@ __all__ = ["write_figures", "write_report"]
 _TEMPLATE = "report.html.j2"
 
 _SHEETS = 40
-"""Most sequences with a contact sheet: more make a file that no browser likes."""
+"""Most sequences with a contact sheet and a page of their own."""
+
+SHEET_BYTES = 4_000_000
+"""Contact sheets of one report, at most, as they stand in it."""
 
 
-def write_report(summary: Summary, folder: Folder, path: Path, *, videos: int = 3) -> None:
-    """Write the report of a folder of results.
+def write_report(
+    summary: Summary, folder: Folder, path: Path, *, videos: int = 0, shown: tuple[str, ...] = ()
+) -> None:
+    """Write the report of a folder of results, and in ``pages`` beside it the pages of its sequences.
 
     Parameters
     ----------
@@ -65,7 +72,10 @@ def write_report(summary: Summary, folder: Folder, path: Path, *, videos: int = 
     path : Path
         The HTML file.
     videos : int, optional
-        Number of sequences with a playable video: those first on which the chosen tracker is farthest behind.
+        Number of sequences with a video beside their page: those first on which the chosen tracker is farthest
+        behind.
+    shown : tuple of str, optional
+        Trackers whose boxes are drawn; the chosen one and the best other one by default.
 
     Raises
     ------
@@ -82,14 +92,18 @@ def write_report(summary: Summary, folder: Folder, path: Path, *, videos: int = 
         lstrip_blocks=True,
     )
     environment.tests["share"] = _is_share
-    text = environment.get_template(_TEMPLATE).render(_contents(summary, folder, videos))
+    text = environment.get_template(_TEMPLATE).render(
+        _contents(summary, folder, path.parent / "pages", videos, shown)
+    )
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ResultsError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object]:
+def _contents(
+    summary: Summary, folder: Folder, pages: Path, videos: int, shown: tuple[str, ...]
+) -> dict[str, object]:
     origin, provenance = _provenance(summary)
     return {
         "summary": summary,
@@ -111,7 +125,7 @@ def _contents(summary: Summary, folder: Folder, videos: int) -> dict[str, object
         "failures": failure_table(summary),
         "plots": [(title, as_svg(figure)) for _, title, figure in _curves(summary)],
         "score_plots": [(title, as_svg(figure)) for _, title, figure in _score_figures(summary)],
-        "pictures": _pictures(summary, videos),
+        "pictures": _pictures(summary, pages, videos, shown),
         "origin": origin,
         "provenance": provenance,
         "conventions": _conventions(metrics.__doc__ or "", "-----------\n"),
@@ -200,12 +214,17 @@ def _from_rst(text: str) -> str:
     return re.sub(r"\*([^*]+)\*", r"<i>\1</i>", text)
 
 
-def _first_runs(summary: Summary) -> dict[str, dict[str, Run]]:
-    found: dict[str, dict[str, Run]] = {}
+def _first_runs(summary: Summary) -> dict[str, dict[str, ScoredRun]]:
+    """By sequence and tracker, the best tracker first."""
+    found: dict[str, dict[str, ScoredRun]] = {}
     for item in summary.scored:
         if item.run.start == 0 and item.run.repeat == 0:
-            found.setdefault(item.run.sequence, {})[item.run.tracker] = item.run
-    return found
+            found.setdefault(item.run.sequence, {})[item.run.tracker] = item
+    order = [str(name) for name in summary.overall["tracker"]]
+    return {
+        sequence: dict(sorted(items.items(), key=lambda item: order.index(item[0])))
+        for sequence, items in found.items()
+    }
 
 
 def _by_shortfall(summary: Summary) -> list[tuple[Sequence, str, float]]:
@@ -229,35 +248,39 @@ def _by_shortfall(summary: Summary) -> list[tuple[Sequence, str, float]]:
     return [row[:3] for row in sorted(rows, key=lambda row: row[3])]
 
 
-def _pictures(summary: Summary, videos: int) -> list[dict[str, object]]:
-    """Contact sheets of sequences whose frames can be had, a video of the first few."""
+def _pictures(summary: Summary, pages: Path, videos: int, shown: tuple[str, ...]) -> list[dict[str, object]]:
+    """Pages of the sequences, and contact sheets of those whose frames can be had, as many as there is room for."""
     runs, colours = _first_runs(summary), _colours(summary)
     found: list[dict[str, object]] = []
+    room = SHEET_BYTES
     for rank, (sequence, best, gap) in enumerate(_by_shortfall(summary)[:_SHEETS]):
-        shown = {name: runs[sequence.name][name] for name in (best, summary.chosen) if name in runs[sequence.name]}
+        own = runs[sequence.name]
+        names = tuple(name for name in (shown or (best, summary.chosen)) if name in own)
+        write_page(pages, list(own.values()), colours, shown=names, video=rank < videos)
         try:
-            sheet = encode_jpeg(contact_sheet(sequence, shown, colours))
-            video = _video_bytes(sequence, shown, colours) if rank < videos else None
-        except (FrameSourceError, OSError, ResultsError):
-            continue
+            picture = contact_sheet(sequence, {name: own[name].run for name in names}, colours)
+            sheet = base64.b64encode(encode_jpeg(picture)).decode() if room > 0 else ""
+        except (FrameSourceError, OSError):
+            sheet = ""
+        room -= len(sheet)
         found.append(
             {
                 "name": sequence.name,
+                "page": f"{pages.name}/{page_name(sequence.name)}",
                 "attributes": ", ".join(sequence.attributes),
                 "gap": f"{gap:+.3f}" if np.isfinite(gap) else "",
-                "shown": {name: colours[name] for name in shown},
-                "sheet": base64.b64encode(sheet).decode(),
-                "video": base64.b64encode(video).decode() if video else "",
+                "shown": {name: colours[name] for name in names},
+                "failures": _failure_words([failure for name in names for failure in failures(own[name])]),
+                "sheet": sheet,
             }
         )
     return found
 
 
-def _video_bytes(sequence: Sequence, runs: dict[str, Run], colours: dict[str, str]) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="hs_report-") as scratch:
-        path = Path(scratch) / "overlay.webm"
-        write_video(path, sequence, runs, colours)
-        return path.read_bytes()
+def _failure_words(found: list[Failure]) -> str:
+    """How many of which kind."""
+    counts = Counter(one.kind for one in found)
+    return ", ".join(f"{count} × {kind}" for kind, count in counts.items())
 
 
 def _provenance(summary: Summary) -> tuple[str, pd.DataFrame]:

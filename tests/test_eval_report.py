@@ -333,15 +333,17 @@ class _Page(HTMLParser):
 
 
 def test_the_report_is_one_file_with_everything(summary: Summary, folder: Folder, tmp_path: Path) -> None:
-    """It refers to nothing outside itself; tables, figures, pictures, a playable video and the reasons are in it."""
+    """It refers to nothing but its pages; tables, figures, pictures and the reasons are in it, videos beside them."""
     path = tmp_path / "report.html"
     write_report(summary, folder, path, videos=1)
     html = path.read_text(encoding="utf-8")
     page = _Page()
     page.feed(html)
-    assert all(source.startswith(("data:", "#")) for source in page.sources)
+    links = [source for source in page.sources if not source.startswith(("data:", "#"))]
+    assert sorted(links) == ["pages/one.html", "pages/two_b.html"]
+    assert all((tmp_path / link).exists() for link in links)
     assert sum(source.startswith("data:image/jpeg") for source in page.sources) == 2
-    assert sum(source.startswith("data:video/webm") for source in page.sources) == 1
+    assert len(list((tmp_path / "pages").glob("*.webm"))) == 1
     assert html.count("<svg") == 5
     assert "Near: mean IoU 0.667" in page.text
     assert "crashed (SIGSEGV) at frame 3" in page.text
