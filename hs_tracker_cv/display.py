@@ -282,9 +282,9 @@ def signed_colours(values: NDArray[Any], scale: float) -> Picture:
     -------
     ndarray, shape (h, w, 3), uint8
     """
-    unit = np.nan_to_num(np.asarray(values, dtype=np.float64) / scale, nan=0.0, posinf=1.0, neginf=-1.0)
-    index = np.rint(np.clip(unit, -1.0, 1.0) * 127.0 + 127.0).astype(np.intp)
-    return np.asarray(_signed_table()[index], dtype=np.uint8)
+    unit = np.asarray(values, np.float32) * np.float32(127.0 / scale)
+    index = np.clip(np.where(np.isnan(unit), np.float32(0.0), unit), -127.0, 127.0) + np.float32(127.5)
+    return np.asarray(np.take(_signed_table(), index.astype(np.uint8), axis=0), dtype=np.uint8)
 
 
 @lru_cache(maxsize=1)
@@ -303,6 +303,15 @@ def _wheel() -> NDArray[np.float64]:
     return np.array(rows)[:, ::-1]
 
 
+@lru_cache(maxsize=1)
+def _fine_wheel() -> NDArray[np.float32]:
+    """The wheel with 32 steps from hue to hue, so that the nearest will do."""
+    wheel = _wheel()
+    at = np.arange(len(wheel))
+    fine = np.linspace(0.0, len(wheel) - 1.0, 32 * (len(wheel) - 1) + 1)
+    return np.stack([np.interp(fine, at, wheel[:, band]) for band in range(3)], axis=1).astype(np.float32)
+
+
 def flow_colours(flow: NDArray[Any], scale: float) -> Picture:
     """Colour a flow field as Middlebury does [1]_: hue is direction, saturation is speed, no motion is white.
 
@@ -317,16 +326,14 @@ def flow_colours(flow: NDArray[Any], scale: float) -> Picture:
     -------
     ndarray, shape (h, w, 3), uint8
     """
-    field = np.nan_to_num(np.asarray(flow, dtype=np.float64)) / scale
-    speed = np.hypot(field[..., 0], field[..., 1])
-    wheel = _wheel()
-    place = (np.arctan2(-field[..., 1], -field[..., 0]) / np.pi + 1.0) / 2.0 * (len(wheel) - 1)
-    lower = np.floor(place).astype(np.intp)
-    share = (place - lower)[..., None]
-    hue = (1.0 - share) * wheel[lower % len(wheel)] + share * wheel[(lower + 1) % len(wheel)]
-    inside = 1.0 - speed[..., None] * (1.0 - hue)
+    field = np.nan_to_num(np.asarray(flow, dtype=np.float32)) / np.float32(scale)
+    u, v = field[..., 0], field[..., 1]
+    speed = np.hypot(u, v)[..., None]
+    wheel = _fine_wheel()
+    turn = (np.arctan2(-v, -u) / np.float32(np.pi) + np.float32(1.0)) * np.float32(0.5 * (len(wheel) - 1))
+    hue = np.take(wheel, np.rint(turn).astype(np.intp), axis=0)
     # The rim belongs to the wheel, whatever the last bit of its speed.
-    colour = np.where(speed[..., None] <= 1.0 + 1e-6, inside, 0.75 * hue)
+    colour = np.where(speed <= 1.0 + 1e-6, 1.0 - speed * (1.0 - hue), np.float32(0.75) * hue)
     return np.asarray(np.rint(np.clip(colour, 0.0, 1.0) * 255.0), dtype=np.uint8)
 
 
@@ -366,7 +373,7 @@ def _draw_frame(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, st
 
 def _draw_derivative(name: str, fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
     # One scale for the three: only then can the eye weigh them against each other.
-    scale = max(nice_scale(field, floor=5.0) for field in (fields.Fx, fields.Fy, fields.Ft))
+    scale = max(nice_scale(field[::2, ::2], floor=5.0) for field in (fields.Fx, fields.Fy, fields.Ft))
     unit = "frame" if name == "Ft" else "px"
     note = f"blue −{scale:g}, orange +{scale:g} gray levels per {unit}"
     return _fit(signed_colours(getattr(fields, name), scale), size), note

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from typing import TYPE_CHECKING
 
 from nicegui import background_tasks, ui
@@ -72,6 +74,7 @@ class PanelGrid:
         try:
             while self._wanted and not self._page.left:
                 self._wanted = False
+                begun = time.monotonic()
                 drawn = await self._page.do(self._panels)
                 if not isinstance(drawn, list) or self._page.left:
                     continue
@@ -84,6 +87,9 @@ class PanelGrid:
                         image, note = self._tiles[panel.name]
                         image.set_source(url)
                         note.set_text(panel.note)
+                if self._page.playing:
+                    # Half of the time is the video's.
+                    await asyncio.sleep(time.monotonic() - begun)
         finally:
             self._busy = False
 
