@@ -32,9 +32,10 @@ _WIDTH, _LINE, _CHART = 1000.0, 16, 130  # of the drawing, in its own units
 
 @dataclass(frozen=True)
 class _Pair:
-    """The frames round a failure."""
+    """The frames before and at a frame in which something fails."""
 
-    failure: Failure
+    frame: int
+    failures: list[Failure]
     before: str
     after: str
 
@@ -138,7 +139,10 @@ def _pairs(
     sequence: Sequence, found: list[Failure], runs: Mapping[str, Any], colours: Mapping[str, str]
 ) -> tuple[list[_Pair], int]:
     """Frames just before and at each failure, as many as there is room for, and how many were left out."""
-    wanted = sorted({frame for one in found for frame in (one.first - 1, one.first)})
+    together: dict[int, list[Failure]] = {}
+    for one in found:
+        together.setdefault(one.first, []).append(one)
+    wanted = sorted({frame for first in together for frame in (first - 1, first)})
     try:
         pictures = frame_pictures(sequence, runs, colours, wanted)
     except (FrameSourceError, OSError):
@@ -147,13 +151,13 @@ def _pairs(
     pairs: list[_Pair] = []
     room = PICTURE_BYTES
     # The longest first, so that what is left out matters least; shown in the order of frames.
-    for one in sorted(found, key=lambda one: one.first - one.last):
-        pair = _Pair(one, encoded[one.first - 1], encoded[one.first])
-        room -= len(pair.before) + len(pair.after)
+    for frame, failed in sorted(together.items(), key=lambda item: -max(one.last - one.first for one in item[1])):
+        room -= len(encoded[frame - 1]) + len(encoded[frame])
         if room < 0:
             break
-        pairs.append(pair)
-    return sorted(pairs, key=lambda pair: (pair.failure.first, pair.failure.tracker)), len(found) - len(pairs)
+        pairs.append(_Pair(frame, failed, encoded[frame - 1], encoded[frame]))
+    shown = sum(len(pair.failures) for pair in pairs)
+    return sorted(pairs, key=lambda pair: pair.frame), len(found) - shown
 
 
 def _polylines(row: Strip) -> list[str]:
