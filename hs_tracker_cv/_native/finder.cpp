@@ -40,15 +40,39 @@ void weigh(double centre, double step, Index size, Index length, Index *first, f
     }
 }
 
-// The samples of one row, into a plane for each channel.
-template <Index Channels>
-void gather(const float *line, const Index *columns, const float *weights, Index across, float *patch) {
+// A line of pixels, and which of them each sample averages: the first, and the weights of `across` from there on.
+struct Taps {
+    const float *line;
+    const Index *first;
+    const float *weights;
+    Index across;
+};
+
+// The samples of one row, into a plane for each channel. A number of taps that is known lets the compiler unroll;
+// 0 stands for any.
+template <Index Channels, Index Known> void gather(const Taps &taps, float *HS_RESTRICT patch) {
+    constexpr Index WIDTH = Channels == 3 ? 4 : 1; // with the pixel's right neighbour: one register
+    const Index across = Known ? Known : taps.across;
+    const float *HS_RESTRICT line = taps.line, *HS_RESTRICT weights = taps.weights;
     for (Index j = 0; j < PATCH; ++j) {
-        float total[Channels] = {};
-        const float *in = line + columns[j] * Channels;
+        float total[WIDTH] = {};
+        const float *in = line + taps.first[j] * Channels;
         for (Index k = 0; k < across; ++k)
-            for (Index c = 0; c < Channels; ++c) total[c] += weights[j * across + k] * in[k * Channels + c];
+            for (Index c = 0; c < WIDTH; ++c) total[c] += weights[j * across + k] * in[k * Channels + c];
         for (Index c = 0; c < Channels; ++c) patch[c * PATCH * PATCH + j] = total[c];
+    }
+}
+
+template <Index Channels> void gather(const Taps &taps, float *patch) {
+    switch (taps.across) {
+    case 2:
+        return gather<Channels, 2>(taps, patch);
+    case 3:
+        return gather<Channels, 3>(taps, patch);
+    case 4:
+        return gather<Channels, 4>(taps, patch);
+    default:
+        return gather<Channels, 0>(taps, patch);
     }
 }
 
@@ -60,6 +84,8 @@ void sample_straight(const Picture &picture, const Place &place, float *room, fl
     weigh(place.x, place.step_x, picture.width, across, columns, weights_x);
     weigh(place.y, place.step_y, picture.height, down, rows, weights_y);
     const Index left = columns[0] * channels, right = (columns[PATCH - 1] + across) * channels;
+    const Taps taps{line, columns, weights_x, across};
+    line[right] = 0.0f; // is read, and does not count
     for (Index i = 0; i < PATCH; ++i) {
         for (Index j = left; j < right; ++j) line[j] = 0.0f;
         for (Index k = 0; k < down; ++k) {
@@ -71,9 +97,9 @@ void sample_straight(const Picture &picture, const Place &place, float *room, fl
             for (Index j = left; j < right; ++j) out[j] += weight * in[j];
         }
         if (channels == 3)
-            gather<3>(line, columns, weights_x, across, patch + i * PATCH);
+            gather<3>(taps, patch + i * PATCH);
         else
-            gather<1>(line, columns, weights_x, across, patch + i * PATCH);
+            gather<1>(taps, patch + i * PATCH);
     }
 }
 
@@ -229,7 +255,7 @@ void assemble(const float *patch, Index channels, const float *histograms, float
 
 Index describe_room(const Picture &picture, const Place &place) {
     const Index taps = taps_length(place.step_x, picture.width) + taps_length(place.step_y, picture.height);
-    return picture.channels * (PATCH * PATCH + picture.width) + EDGE * EDGE * (ANGLES + 1) + PATCH * taps;
+    return picture.channels * (PATCH * PATCH + picture.width) + 1 + EDGE * EDGE * (ANGLES + 1) + PATCH * taps;
 }
 
 void sample(const Picture &picture, const Place &place, float *room, float *patch) {
