@@ -26,8 +26,8 @@ from .sequence import Sequence
 from .spec import RENDERER_VERSION
 
 __all__ = [
-    "FORMATS", "PREVIEWS", "read_flo", "read_otb_boxes", "write_coco", "write_flo", "write_flow", "write_got10k",
-    "write_image", "write_otb", "write_video", "write_vot",
+    "FORMATS", "PREVIEWS", "encode_kitti", "read_flo", "read_otb_boxes", "write_coco", "write_flo", "write_flow",
+    "write_got10k", "write_image", "write_kitti", "write_mot", "write_otb", "write_video", "write_vot",
 ]  # fmt: skip
 
 PREVIEWS = "previews"
@@ -38,11 +38,13 @@ _ANCHOR_FRAMES = 50
 _ANCHOR_VISIBILITY = 0.5  # a start box of something that is hidden is no start
 _FLO_MAGIC = 202021.25
 _MANIFEST = "manifest.json"
-_SUBFOLDERS = ("img", "color", "flow")
+_SUBFOLDERS = ("img", "img1", "gt", "color", "flow", "image_2", "flow_occ")
 _EXPORTED = (
-    *(f"{folder}[0-9]*.{suffix}" for folder in ("", "img/", "color/") for suffix in ("jpg", "png")),
+    *(f"{folder}[0-9]*.jpg" for folder in ("", "img/", "img1/")),
+    *(f"{folder}[0-9]*.png" for folder in ("", "img/", "color/", "image_2/", "flow_occ/")),
     "flow/[0-9]*.flo", "flow/[0-9]*_valid.png", "groundtruth*.txt", "visibility.txt", "anchor.value", "sequence",
     "*.tag", "*.label", "meta_info.ini", "annotations.json", "video.mkv",
+    "gt/gt.txt", "seqinfo.ini",
 )  # fmt: skip
 
 
@@ -139,17 +141,43 @@ def write_got10k(sequence: Sequence, root: Path) -> Path:
     return folder
 
 
+def write_mot(sequence: Sequence, root: Path) -> Path:
+    """Write MOTChallenge's layout: `img1/000001.jpg` …, `gt/gt.txt`, `seqinfo.ini`; object 1 is the target.
+
+    Takes and gives what `write_otb` does. Rows are frame, object, x, y, w, h, flag, class, visibility; frames and
+    pixels count from 1. Hidden frames have their rows, of visibility 0.
+    """
+    folder = _folder(sequence, root)
+    _images(sequence, folder / "img1", "{:06d}.jpg", 1)
+    (folder / "gt").mkdir(exist_ok=True)
+    shown = sequence.visibility.tolist()
+    rows = [
+        [t + 1, 1, Decimal(repr(x)) + 1, Decimal(repr(y)) + 1, w, h, 1, 1, shown[t]]
+        for t, (x, y, w, h) in enumerate(sequence.boxes.tolist())
+    ]
+    _rows(folder / "gt" / "gt.txt", rows)
+    height, width = sequence.frames.shape[1:3]
+    facts = {
+        "name": sequence.name, "imDir": "img1", "frameRate": f"{_FPS:g}", "seqLength": len(sequence),
+        "imWidth": width, "imHeight": height, "imExt": ".jpg",
+    }  # fmt: skip
+    (folder / "seqinfo.ini").write_text("[Sequence]\n" + "".join(f"{key}={value}\n" for key, value in facts.items()))
+    return folder
+
+
 def write_coco(sequence: Sequence, root: Path) -> Path:
     """Write `img/0001.png` … and `annotations.json`, one annotation per frame in which the target is seen.
 
     Takes and gives what `write_otb` does. `bbox` and `segmentation` are amodal, `area` is that of the visible
-    mask, and the additional keys `visible_bbox` and `visibility` say what is seen.
+    mask, and the additional keys `visible_bbox` and `visibility` say what is seen; where nothing is, the image has
+    a `hidden_bbox`.
     """
     folder = _folder(sequence, root)
     _images(sequence, folder / "img", "{:04d}.png", 1)
     height, width = sequence.frames.shape[1:3]
     images = [
         {"id": t + 1, "file_name": f"img/{t + 1:04d}.png", "width": width, "height": height}
+        | ({} if sequence.visibility[t] > 0 else {"hidden_bbox": sequence.boxes[t].tolist()})
         for t in range(len(sequence))
     ]
     annotations = [_annotation(sequence, t) for t in np.flatnonzero(sequence.visibility > 0).tolist()]
@@ -189,6 +217,27 @@ def write_flow(sequence: Sequence, root: Path) -> Path:
         write_flo(folder / "flow" / f"{t + 1:04d}.flo", flow)
         write_image(folder / "flow" / f"{t + 1:04d}_valid.png", valid.astype(np.uint8) * 255)
     return folder
+
+
+def write_kitti(sequence: Sequence, root: Path) -> Path:
+    """Write KITTI's layout of flow: `image_2/000000_10.png`, `000000_11.png` and `flow_occ/000000_10.png` for a pair.
+
+    Takes and gives what `write_otb` does. Flow is stored in 64ths of a pixel.
+    """
+    folder = _folder(sequence, root)
+    for t in range(len(sequence) - 1):
+        for number in (0, 1):
+            write_image(folder / "image_2" / f"{t:06d}_1{number}.png", sequence.frames[t + number])
+        write_image(folder / "flow_occ" / f"{t:06d}_10.png", encode_kitti(*sequence.flow(t)))
+    return folder
+
+
+def encode_kitti(flow: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.uint16]:
+    """Flow (H, W, 2) as the channels, in cv2's order, of KITTI's 16-bit PNG; what that cannot hold is not valid."""
+    stored = np.rint(flow.astype(np.float64) * 64.0 + 32768.0)
+    held = valid & ((stored >= 0) & (stored <= 65535)).all(axis=2)
+    channels = np.dstack([held, np.where(held, stored[..., 1], 0), np.where(held, stored[..., 0], 0)])
+    return channels.astype(np.uint16)
 
 
 def write_flo(path: Path, flow: NDArray[np.float32]) -> None:
@@ -251,8 +300,10 @@ FORMATS: dict[str, Callable[[Sequence, Path], Path]] = {
     "otb": write_otb,
     "vot": write_vot,
     "got10k": write_got10k,
+    "mot": write_mot,
     "coco": write_coco,
     "flow": write_flow,
+    "kitti": write_kitti,
     "video": write_video,
 }
 

@@ -1,4 +1,4 @@
-"""Data sets on disk: OTB, VOT and GOT-10k folders, a video plus a box file; OTB-100 as it was published.
+"""Data sets on disk: OTB, VOT, GOT-10k, LaSOT, MOT and COCO, a video and a file of boxes; OTB-100 as published.
 
 A data set is a mapping of names to what reads each sequence: nothing is read, and nothing complained about, that
 nobody asked for.
@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 
 from hs_tracker_cv.video import VideoError, image_files, native_name, read_image
 
+from .annotations import Tracks, read_coco, read_csv, read_mot
 from .framesource import FrameSource
 from .sequences import Sequence
 from .truthfiles import SequenceError, SequenceWarning, read_attributes, read_boxes, read_numbers, read_scene
 
-__all__ = ["DATASETS", "load_dataset"]
+__all__ = ["DATASETS", "canonical_dataset", "load_dataset"]
 
 Readers = Mapping[str, Callable[[], Sequence]]
 
@@ -98,7 +99,8 @@ def _sequence(
     exact = read_numbers(folder / "visibility.txt", count, 1.0)
     shown = exact if exact is not None else visible
     presence = np.asarray(np.isfinite(boxes).all(axis=1), dtype=np.float64)
-    visibility = presence if shown is None else presence * shown[:count]
+    # What is not known stays unknown; elsewhere there is no object where there is no box.
+    visibility = presence if shown is None else np.where(np.isnan(shown[:count]), np.nan, presence * shown[:count])
     digest = _hash(source.paths, boxes, visibility)
     scene = read_scene(folder) or scene
     return Sequence(name, source, boxes, visibility, read_attributes(folder), size, digest, scene=scene)
@@ -171,6 +173,11 @@ def _vot(folder: Path) -> Sequence:
 def _got10k(folder: Path) -> Sequence:
     images = _images_in(folder)
     boxes = read_boxes(folder / "groundtruth.txt", first=0, count=len(images))
+    if len(boxes) == 1 and len(images) > 2:
+        # The test split keeps its truth to itself: where the object is later on, and whether, nobody knows here.
+        unknown = np.full(len(images) - 1, np.nan)
+        boxes = np.concatenate([boxes, np.full((len(images) - 1, 4), np.nan)])
+        return _from_images(folder.name, folder, images, boxes, np.concatenate([[1.0], unknown]))
     # cover.label counts eighths of the object that can be seen.
     cover = read_numbers(folder / "cover.label", len(boxes), 8.0)
     absence = read_numbers(folder / "absence.label", len(boxes), 1.0)
@@ -180,32 +187,144 @@ def _got10k(folder: Path) -> Sequence:
     return _from_images(folder.name, folder, images, boxes, visible)
 
 
+def _lasot(folder: Path) -> Sequence:
+    """Boxes are taken as they are, as got10k's reader takes them."""
+    images = _images_in(folder / "img")
+    boxes = read_boxes(folder / "groundtruth.txt", first=0, count=len(images))
+    hidden = np.zeros(len(boxes))
+    for name in ("full_occlusion.txt", "out_of_view.txt"):
+        flags = read_numbers(folder / name, len(boxes), 1.0)
+        hidden = hidden if flags is None else np.maximum(hidden, flags)
+    return _from_images(folder.name, folder, images, boxes, 1.0 - hidden)
+
+
+def _mot_readers(folder: Path) -> Readers:
+    """As many sequences as there are objects, each from its first frame to its last."""
+    images = _images_in(folder / "img1")
+    tracks = read_mot(folder / "gt" / "gt.txt", len(images))
+    return _track_readers(folder.name, folder, images, tracks)
+
+
+def _track_readers(name: str, folder: Path, images: Listing[Path], tracks: Tracks) -> Readers:
+    """Sequences of one video, which is one scene; an object that is there for a single frame is none."""
+    found: dict[str, Callable[[], Sequence]] = {}
+    for track, (boxes, visibility) in tracks.items():
+        seen = np.flatnonzero(np.isfinite(boxes).all(axis=1))
+        if seen.size >= 2:
+            part = slice(int(seen[0]), int(seen[-1]) + 1)
+            own = name if len(tracks) == 1 else f"{name}-{track}"
+            found[own] = partial(_from_images, own, folder, images[part], boxes[part], visibility[part], name)
+    return found
+
+
+def _coco(where: str) -> Readers:
+    """A file of COCO's, or a folder of folders with an `annotations.json`."""
+    path = Path(where).expanduser().absolute()
+    if path.is_file():
+        return _coco_readers(path)
+    return _folders("annotations.json", lambda folder: _coco_readers(folder / "annotations.json"))(where)
+
+
+def _coco_readers(path: Path) -> Readers:
+    found: dict[str, Callable[[], Sequence]] = {}
+    for video in read_coco(path):
+        images = [path.parent / name for name in video.images]
+        found |= _track_readers(video.name, path.parent, images, video.tracks)
+    return found
+
+
+def _csv(where: str) -> Readers:
+    """``VIDEO+FILE``: a video, or a folder of images, and a CSV of a labelling tool's."""
+    video, table = _two_files(where, "VIDEO+FILE.csv")
+    if video.is_dir():
+        images = _images_in(video)
+        first = read_image(images[0])
+        tracks = read_csv(table, len(images), (first.shape[1], first.shape[0]), video.name)
+        return _track_readers(video.name, table.parent, images, tracks)
+    frames, size = _count_frames(video)
+    tracks = read_csv(table, frames, size, video.name)
+    names = {track: f"{video.stem}-{track}" if len(tracks) > 1 else video.stem for track in tracks}
+    # A video is followed from its first frame on: what comes later has no start there.
+    found = {
+        names[track]: partial(_from_video, names[track], video, boxes, visibility, table.parent, size)
+        for track, (boxes, visibility) in tracks.items()
+        if np.isfinite(boxes[0]).all()
+    }
+    if not found:
+        raise SequenceError(f"{table}: no object with a box in the first frame of {video.name}")
+    return found
+
+
 def _folders(marker: str, readers: Callable[[Path], Readers]) -> Callable[[str], Readers]:
+    """Readers of a folder of sequences, which may lie in folders of splits or classes, or of one sequence."""
+
     def find(where: str) -> Readers:
         root = Path(where).expanduser().absolute()
         if not root.is_dir():
             raise SequenceError(f"no such folder: {root}")
-        folders = [root] if any(root.glob(marker)) else sorted(p for p in root.iterdir() if any(p.glob(marker)))
+        folders = _marked(root, marker)
         if not folders:
             raise SequenceError(f"no folder with a {marker} in {root}")
-        return {name: read for folder in folders for name, read in readers(folder).items()}
+        found: dict[str, Callable[[], Sequence]] = {}
+        for folder in folders:
+            own = readers(folder)
+            if own.keys() & found.keys():
+                raise SequenceError(f"two sequences named {', '.join(own.keys() & found.keys())} in {root}")
+            found |= own
+        return found
 
     return find
 
 
+def _marked(root: Path, marker: str) -> list[Path]:
+    """Folders that hold a file: this one, or those in it, or those in these."""
+    level = [root]
+    for _ in range(3):
+        found = [folder for folder in level if any(folder.glob(marker))]
+        if found:
+            return found
+        level = sorted(path for folder in level for path in folder.iterdir() if path.is_dir())
+    return []
+
+
+def _two_files(where: str, expected: str) -> tuple[Path, Path]:
+    first, plus, second = where.rpartition("+")
+    if not plus:
+        raise SequenceError(f"expected {expected}, got {where!r}")
+    paths = Path(first).expanduser().absolute(), Path(second).expanduser().absolute()
+    for path in paths:
+        if not path.exists():
+            raise SequenceError(f"no such file: {path}")
+    return paths
+
+
 def _video(where: str) -> Readers:
     """``VIDEO+BOXFILE``: boxes 0-based, one line per frame."""
-    video, plus, box_file = where.rpartition("+")
-    if not plus:
-        raise SequenceError(f"expected VIDEO+BOXFILE, got {where!r}")
-    paths = [Path(word).expanduser().absolute() for word in (video, box_file)]
-    for path in paths:
-        if not path.is_file():
-            raise SequenceError(f"no such file: {path}")
-    return {paths[0].stem: partial(_read_video, *paths)}
+    video, box_file = _two_files(where, "VIDEO+BOXFILE")
+    return {video.stem: partial(_read_video, video, box_file)}
 
 
 def _read_video(video: Path, box_file: Path) -> Sequence:
+    frames, size = _count_frames(video)
+    boxes = read_boxes(box_file, first=0, count=frames)
+    count = _common_count(video.stem, frames, len(boxes))
+    return _from_video(video.stem, video, boxes[:count], None, box_file.parent, size)
+
+
+def _from_video(
+    name: str,
+    video: Path,
+    boxes: NDArray[np.float64],
+    visible: NDArray[np.float64] | None,
+    folder: Path,
+    size: tuple[int, int],
+) -> Sequence:
+    source = FrameSource((str(video),), "video", len(boxes))
+    return _sequence(name, source, boxes, visible, folder, size, video.stem)
+
+
+def _count_frames(video: Path) -> tuple[int, tuple[int, int]]:
+    """Number of frames, and their width and height."""
     try:
         capture = cv2.VideoCapture(native_name(video))
     except VideoError as error:
@@ -220,10 +339,7 @@ def _read_video(video: Path, box_file: Path) -> Sequence:
             frames += 1
     finally:
         capture.release()
-    boxes = read_boxes(box_file, first=0, count=frames)
-    count = _common_count(video.stem, frames, len(boxes))
-    source = FrameSource((str(video),), "video", count)
-    return _sequence(video.stem, source, boxes[:count], None, box_file.parent, size)
+    return frames, size
 
 
 def _one(read: Callable[[Path], Sequence]) -> Callable[[Path], Readers]:
@@ -234,14 +350,54 @@ DATASETS: dict[str, Callable[[str], Readers]] = {
     "otb": _folders("groundtruth_rect*.txt", _otb_readers),
     "vot": _folders("groundtruth.txt", _one(_vot)),
     "got10k": _folders("groundtruth.txt", _one(_got10k)),
+    "lasot": _folders("groundtruth.txt", _one(_lasot)),
+    "mot": _folders("gt/gt.txt", _mot_readers),
+    "coco": _coco,
+    "csv": _csv,
     "video": _video,
 }
 
 
-def load_dataset(reference: str, only: Iterable[str] = ()) -> list[Sequence]:
-    """Read the sequences that ``KIND:WHERE`` refers to, for example ``otb:/data/OTB100``.
+_MARKS = (
+    ("gt/gt.txt", "mot"), ("annotations.json", "coco"), ("groundtruth_rect*.txt", "otb"),
+    ("out_of_view.txt", "lasot"), ("meta_info.ini", "got10k"), ("absence.label", "got10k"),
+    ("groundtruth.txt", "vot"),
+)  # fmt: skip
+"""What a folder of a sequence holds, and whose layout that is; the first that applies."""
 
-    `WHERE` is a folder of sequences, one sequence's folder, or for ``video`` ``FILE+BOXFILE``.
+
+def canonical_dataset(reference: str) -> str:
+    """Return ``KIND:WHERE``; of a bare path, or two with a + between them, the kind is found by looking.
+
+    Raises
+    ------
+    SequenceError
+        For what is neither, or no layout that is known.
+    """
+    kind, colon, _ = reference.partition(":")
+    if colon and kind in DATASETS:
+        return reference
+    path = Path(reference.rpartition("+")[2]).expanduser()
+    if not path.exists():
+        raise SequenceError(f"unknown data set {reference!r}; expected KIND:WHERE with KIND of {', '.join(DATASETS)}")
+    if "+" in reference:
+        return f"{'csv' if path.suffix == '.csv' else 'video'}:{reference}"
+    if path.is_file():
+        return f"coco:{reference}"
+    found = next((kind for marker, kind in _MARKS if _marked(path, marker)), None)
+    if found is None:
+        raise SequenceError(
+            f"no data set that we know in {path}; expected KIND:WHERE with KIND of {', '.join(DATASETS)}"
+        )
+    if found == "vot" and path.name.startswith("GOT-10k"):
+        found = "got10k"
+    return f"{found}:{reference}"
+
+
+def load_dataset(reference: str, only: Iterable[str] = ()) -> list[Sequence]:
+    """Read the sequences that ``KIND:WHERE`` refers to, for example ``otb:/data/OTB100``; the kind may be left out.
+
+    `WHERE` is a folder of sequences, one sequence's folder, or for ``video`` and ``csv`` ``VIDEO+FILE``.
 
     Parameters
     ----------
@@ -254,9 +410,7 @@ def load_dataset(reference: str, only: Iterable[str] = ()) -> list[Sequence]:
     SequenceError
         For an unknown kind or name, or data that is not as expected.
     """
-    kind, colon, where = reference.partition(":")
-    if not colon or kind not in DATASETS:
-        raise SequenceError(f"unknown data set {reference!r}; expected KIND:WHERE with KIND of {', '.join(DATASETS)}")
+    kind, _, where = canonical_dataset(reference).partition(":")
     readers = DATASETS[kind](where)
     wanted = set(only)
     if wanted - set(readers):

@@ -318,8 +318,9 @@ def summarise(scores: FrameScores) -> dict[str, float]:
     found["false_true"] = _share(scores.ok[scores.invisible])
     found["false_false"] = _share(~scores.ok[visible])
     found["true_off"] = _share(scores.ok[visible] & (iou < FAR_OFF))
+    # Where only the first box is known there is nothing to count.
     otb, got10k = np.isfinite(scores.otb_iou), np.isfinite(scores.got10k_iou)
-    if otb.any():
+    if otb[1:].any():
         found["auc_otb"] = float((scores.otb_iou[otb][:, np.newaxis] > OTB_THRESHOLDS).mean())
         found["precision_otb"] = _share(scores.otb_distance[otb] <= 20.0)
     if got10k.any():

@@ -34,7 +34,7 @@ class Sequence:
     boxes : ndarray, shape (T, 4), float64
         True boxes x, y, w, h, px, 0-based, of the whole object; NaN where there is none.
     visibility : ndarray, shape (T,), float64
-        Visible fraction of the object, 0–1. Real data sets say only 0 or 1.
+        Visible fraction of the object, 0–1. Real data sets say only 0 or 1; NaN where nobody knows.
     attributes : tuple of str
     size : (int, int)
         Width and height of the frames, px.

@@ -18,6 +18,7 @@ __all__ = [
     "SequenceWarning",
     "read_attributes",
     "read_boxes",
+    "read_number",
     "read_numbers",
     "read_scene",
     "read_text",
@@ -72,7 +73,8 @@ def read_boxes(path: Path, *, first: int, count: int | None = None) -> NDArray[n
     Returns
     -------
     ndarray, shape (T, 4)
-        x, y, w, h, 0-based. Lines of 8 numbers are polygons, of which this is the bounding box. Lines that are
+        x, y, w, h, 0-based. Lines of 8 numbers are polygons, lines that begin with m masks, of which this is the
+        bounding box. Lines that are
         empty, hold a NaN or a box without area give NaN.
 
     Raises
@@ -90,6 +92,8 @@ def read_boxes(path: Path, *, first: int, count: int | None = None) -> NDArray[n
 
 
 def _read_box(line: str, where: str, first: int) -> tuple[float, ...]:
+    if line.lstrip()[:1] in ("m", "M"):
+        return _box_of_mask(line.strip()[1:], where)
     words = _words(line.strip(), where)
     if not words:
         return (np.nan,) * 4
@@ -109,6 +113,35 @@ def _read_box(line: str, where: str, first: int) -> tuple[float, ...]:
         values = [min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)]
     x, y, w, h = values
     return float(x - first), float(y - first), float(w), float(h)
+
+
+def _box_of_mask(text: str, where: str) -> tuple[float, ...]:
+    """Bounding box of a mask as VOT writes it: x, y, w, h of a window, then lengths of runs, the first of zeros."""
+    numbers = [int(read_number(word, where)) for word in _words(text, where)]
+    x, y, width, height, *runs = (*numbers, *(0,) * (4 - len(numbers)))
+    if min(runs, default=0) < 0 or sum(runs) > width * height:
+        raise SequenceError(f"{where}: expected runs within {width} × {height} px, got {sum(runs)} px")
+    pixels = np.zeros(max(width * height, 0), dtype=bool)
+    filled = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
+    pixels[: filled.size] = filled
+    rows, columns = np.nonzero(pixels.reshape(height, width))
+    if not rows.size:
+        return (np.nan,) * 4
+    left, top = columns.min(), rows.min()
+    return float(x + left), float(y + top), float(columns.max() - left + 1), float(rows.max() - top + 1)
+
+
+def read_number(word: str, where: str) -> float:
+    """Value of a number in the way that all of our files have them.
+
+    Raises
+    ------
+    SequenceError
+        Naming the place and the word that is none.
+    """
+    if not _NUMBER.match(word):
+        raise SequenceError(f"{where}: expected a number, got {word!r}")
+    return float(word)
 
 
 def _words(line: str, where: str) -> list[str]:
@@ -143,7 +176,7 @@ def read_numbers(path: Path, count: int, most: float) -> NDArray[np.float64] | N
     if not path.exists():
         return None
     try:
-        words = read_text(path).split()
+        words = read_text(path).replace(",", " ").split()  # LaSOT has them in one line, with commas
         wrong = next((word for word in words if not _NUMBER.match(word)), None)
         if wrong is not None:
             raise SequenceError(f"{path}: expected one number per line, got {wrong!r}")

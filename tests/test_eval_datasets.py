@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import sys
@@ -18,7 +19,7 @@ from datasets_synthetic import Sequence as Rendered
 from datasets_synthetic.export import FORMATS
 from datasets_synthetic.spec import Deep
 from eval import datasets
-from eval.datasets import load_dataset
+from eval.datasets import canonical_dataset, load_dataset
 from eval.framesource import FrameSource, FrameSourceError
 from eval.metrics import frame_scores, summarise
 from eval.truthfiles import SequenceError, SequenceWarning, read_boxes
@@ -296,7 +297,7 @@ def rendered() -> list[Rendered]:
     ]
 
 
-@pytest.mark.parametrize("layout", ["otb", "vot", "got10k", "video", "flow"])
+@pytest.mark.parametrize("layout", ["otb", "vot", "got10k", "mot", "coco", "video", "flow"])
 def test_one_truth_through_every_export_and_reader(layout: str, rendered: list[Rendered], tmp_path: Path) -> None:
     """Boxes, visibility, attributes and pixels come back to the last bit, and so do all scores of a tracker."""
     kind = "otb" if layout == "flow" else layout
@@ -379,6 +380,171 @@ def test_vot_keeps_its_frames_in_color(tmp_path: Path) -> None:
     assert_allclose(load_dataset(f"vot:{tmp_path}")[0].boxes[2], [10, 10, 40, 30])
 
 
+def test_masks_of_vot_become_their_bounding_box(tmp_path: Path) -> None:
+    """Window, then lengths of runs row by row, the first of pixels outside: two pixels of the second row."""
+    path = tmp_path / "groundtruth.txt"
+    path.write_text("m10,20,4,3,5,2\nm0,0,2,2,4\n10,20,4,3\n")
+    assert_allclose(read_boxes(path, first=0), [[11, 21, 2, 1], [np.nan] * 4, [10, 20, 4, 3]])
+    path.write_text("m10,20,4,3,5,200\n")
+    with pytest.raises(SequenceError, match=r"groundtruth\.txt:1: expected runs within 4 × 3 px, got 205 px"):
+        read_boxes(path, first=0)
+
+
+def test_got10k_from_its_root_and_its_test_split(tmp_path: Path) -> None:
+    """Splits are found below the root; of the test split only the first box is known, and nothing else is judged."""
+    for split, rows in (("val", 3), ("test", 1)):
+        folder = tmp_path / split / f"GOT-10k_{split.title()}_000001"
+        write_images(folder, 3, suffix=".jpg", digits=8)
+        (folder / "groundtruth.txt").write_text("10,11,20,12\n" * rows)
+        (folder / "meta_info.ini").write_text("[METAINFO]\n")
+    for where in (f"got10k:{tmp_path}", str(tmp_path)):
+        test, val = load_dataset(where)
+        assert (test.name, val.name) == ("GOT-10k_Test_000001", "GOT-10k_Val_000001")
+        assert_array_equal(val.visibility, 1.0)
+        assert_array_equal(test.visibility, [1, np.nan, np.nan])
+    scores = summarise(frame_scores(test.boxes, test.visibility, val.boxes, np.array([True, False, True]), test.size))
+    counts = {name: scores.pop(name) for name in ("visible", "invisible", "covered")}
+    assert set(counts.values()) == {0.0}
+    assert np.isnan(list(scores.values())).all()
+
+
+def test_lasot_says_when_the_object_is_out_of_view(tmp_path: Path) -> None:
+    """Folders of classes; one line of flags each."""
+    folder = tmp_path / "airplane" / "airplane-1"
+    write_images(folder / "img", 4)
+    (folder / "groundtruth.txt").write_text("10,11,20,12\n" * 4)
+    (folder / "full_occlusion.txt").write_text("0,1,0,0")
+    (folder / "out_of_view.txt").write_text("0,0,0,1\n")
+    for where in (f"lasot:{tmp_path}", str(tmp_path)):
+        (found,) = load_dataset(where)
+        assert (found.name, found.visibility.tolist()) == ("airplane-1", [1, 0, 1, 0])
+        assert_allclose(found.boxes[0], [10, 11, 20, 12])
+
+
+def test_mot_gives_one_sequence_per_object(tmp_path: Path) -> None:
+    """From its first frame to its last, absent in between; frames and pixels count from 1, flag 0 is not judged."""
+    folder = tmp_path / "MOT-01"
+    write_images(folder / "img1", 5, digits=6)
+    (folder / "gt").mkdir()
+    rows = ["2,1,11,12,20,12,1,1,0.5", "4,1,13,12,20,12,1,1,1", "1,7,1,1,5,5,1,1,1", "2,7,1,1,5,5,1,1,1"]
+    (folder / "gt" / "gt.txt").write_text("\n".join([*rows, "1,9,1,1,5,5,0,8,1", "3,8,1,1,5,5,1,1,1"]))
+    for where in (f"mot:{tmp_path}", str(tmp_path)):
+        one, seven = load_dataset(where)
+        assert (one.name, seven.name, one.scene, seven.scene) == ("MOT-01-1", "MOT-01-7", "MOT-01", "MOT-01")
+        assert_allclose(one.boxes, [[10, 11, 20, 12], [np.nan] * 4, [12, 11, 20, 12]])
+        assert_allclose(one.visibility, [0.5, 0, 1])
+        assert [int(frame[0, 0, 0]) for frame in one.frames] == [10, 20, 30]
+    assert [one.name for one in load_dataset(f"mot:{tmp_path}", ["MOT-01-7"])] == ["MOT-01-7"]
+    for row, message in (
+        ("9,1,1,1,5,5,1,1,1", "expected a frame of the 5 that there are, got 8"),
+        ("2,1,1,1,5,5,1,1,1", "a second box of the same object in one frame"),
+        ("1,2,3", "expected 6 to 10 numbers, got 3 in '1,2,3'"),
+        ("1,2,3,4,5,x", "expected a number, got 'x'"),
+    ):
+        (folder / "gt" / "gt.txt").write_text(f"{rows[0]}\n{row}\n")
+        with pytest.raises(SequenceError, match=rf"gt\.txt:2: {message}"):
+            load_dataset(f"mot:{tmp_path}")
+
+
+def test_coco_of_several_videos_and_tracks(tmp_path: Path) -> None:
+    """Images by video and frame, annotations by track; what is no such file is said."""
+    images, notes = [], []
+    for video, name in ((1, "a"), (2, "b")):
+        write_images(tmp_path / name, 3)
+        for frame in range(3):
+            number = 10 * video + 2 - frame  # ids run against the frames
+            images.append(
+                {"id": number, "video_id": video, "frame_id": frame, "file_name": f"{name}/{frame + 1:04d}.png"}
+            )
+            notes += [{"image_id": number, "track_id": t, "bbox": [frame, t, 5, 6]} for t in range(video)]
+    path = tmp_path / "instances.json"
+    data = {"images": images, "annotations": notes, "videos": [{"id": 1, "name": "a"}, {"id": 2, "name": "b"}]}
+    path.write_text(json.dumps(data))
+    for where in (f"coco:{path}", str(path)):
+        found = {one.name: one for one in load_dataset(where)}
+        assert list(found) == ["a", "b-0", "b-1"]
+        assert_allclose(found["b-1"].boxes, [[0, 1, 5, 6], [1, 1, 5, 6], [2, 1, 5, 6]])
+        assert [int(frame[0, 0, 0]) for frame in found["b-1"].frames] == [0, 10, 20]
+        assert found["b-1"].scene == "b"
+    for text, message in (("{}", "got KeyError: 'images'"), ("[", "got JSONDecodeError"), ("[]", "got TypeError")):
+        path.write_text(text)
+        with pytest.raises(
+            SequenceError, match=rf"instances\.json: expected COCO's images and annotations, {message}"
+        ):
+            load_dataset(f"coco:{path}")
+
+
+def test_a_csv_of_boxes(tmp_path: Path) -> None:
+    """Corners or sides by their headings, several objects, outside as CVAT says it; a video or a folder of images."""
+    write_clip(tmp_path / "clip.avi", 3)
+    write_images(tmp_path / "frames", 3)
+    corners = "frame,track_id,label,xtl,ytl,xbr,ybr,outside\n0,0,car,10,11,30,23,0\n1,0,car,1,2,3,4,1\n"
+    corners += "2,0,car,12.5,11,30,23,0\n0,4,dog,1,1,2,2,0\n1,4,dog,1,1,2,2,0\n"
+    table = tmp_path / "boxes.csv"
+    for video in ("clip.avi", "frames"):
+        for kind in ("csv:", ""):
+            table.write_text(corners)
+            car, dog = load_dataset(f"{kind}{tmp_path / video}+{table}")
+            stem = video.removesuffix(".avi")
+            assert (car.name, dog.name, car.scene, dog.scene) == (f"{stem}-0", f"{stem}-4", stem, stem)
+            assert_allclose(car.boxes, [[10, 11, 20, 12], [np.nan] * 4, [12.5, 11, 17.5, 12]])
+            assert_array_equal(car.visibility, [1, 0, 1])
+        table.write_text("x,y,width,height,frame\n1,2,3,4,0\n2,2,3,4,1\n")
+        assert_allclose(load_dataset(f"csv:{tmp_path / video}+{table}")[0].boxes[1], [2, 2, 3, 4])
+    for text, message in (
+        ("frame,x,y\n0,1,2\n", r"expected columns of a box, such as xtl, ytl, xbr, ybr, got frame, x, y"),
+        ("frame,x,y,w,h\n0,1,2,3,4\n1,1,2,3,4a\n", r"boxes\.csv:3: expected a number, got '4a'"),
+        ("frame,x,y,w,h\n0,1,2,3,4\n3,1,2,3,4\n", r"boxes\.csv:3: expected a frame of the 3 that there are, got 3"),
+        ("a,b\n1,2\n", r"expected a column `frame`, or one of Label Studio's JSON, got a, b"),
+    ):
+        table.write_text(text)
+        with pytest.raises(SequenceError, match=message):
+            load_dataset(f"csv:{tmp_path / 'clip.avi'}+{table}")
+
+
+def test_a_csv_of_label_studio(tmp_path: Path) -> None:
+    """Keyframes in per cent of 64 × 48 px, lines between them, nothing after one that is not enabled."""
+    write_clip(tmp_path / "clip.avi", 8)
+    box = {"x": 25, "y": 25, "width": 50, "height": 25}
+    keys = [
+        {"frame": 1, "enabled": True, **box},
+        {"frame": 3, "enabled": False, **box, "x": 50},
+        {"frame": 6, "enabled": True, **box},
+    ]
+    table = tmp_path / "export.csv"
+    rows = [("8f3a-other.avi", []), ("8f3b-clip.avi", keys)]
+    with table.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["id", "video", "box"])
+        writer.writerows(
+            [n, f"/data/upload/{name}", json.dumps([{"sequence": s}])] for n, (name, s) in enumerate(rows)
+        )
+    (found,) = load_dataset(f"csv:{tmp_path / 'clip.avi'}+{table}")
+    expected = np.array(
+        [[16, 12, 32, 12], [24, 12, 32, 12], [32, 12, 32, 12], *[[np.nan] * 4] * 2, *[[16, 12, 32, 12]] * 3]
+    )
+    assert_allclose(found.boxes, expected)
+    (tmp_path / "clip.avi").rename(tmp_path / "8f3.avi")
+    with pytest.raises(SequenceError, match=r"export\.csv: expected one row about 8f3\.avi, got 0"):
+        load_dataset(f"csv:{tmp_path / '8f3.avi'}+{table}")
+
+
+@pytest.mark.parametrize("layout", ["otb", "vot", "got10k", "mot", "coco"])
+def test_a_layout_is_detected(layout: str, rendered: list[Rendered], tmp_path: Path) -> None:
+    """A path alone will do."""
+    FORMATS[layout](rendered[1], tmp_path)
+    assert canonical_dataset(str(tmp_path)) == f"{layout}:{tmp_path}"
+    assert_array_equal(load_dataset(str(tmp_path))[0].boxes, rendered[1].boxes)
+
+
+def test_what_is_no_layout_is_said(tmp_path: Path) -> None:
+    """And what there is."""
+    with pytest.raises(
+        SequenceError, match=r"no data set that we know in .*; expected KIND:WHERE with KIND of otb, vot"
+    ):
+        load_dataset(str(tmp_path))
+
+
 def write_clip(path: Path, count: int) -> None:
     """A lossless video of the gray levels 10 t."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 25.0, (64, 48))
@@ -415,8 +581,8 @@ def test_a_video_of_another_length_than_its_boxes_is_said(rows: int, said: str, 
 @pytest.mark.parametrize(
     ("reference", "message"),
     [
-        ("otb", "expected KIND:WHERE with KIND of otb, vot, got10k, video"),
-        ("coco:/data", "unknown data set 'coco:/data'"),
+        ("otb", "expected KIND:WHERE with KIND of otb, vot, got10k, lasot, mot, coco, csv, video"),
+        ("davis:/data", "unknown data set 'davis:/data'"),
         ("otb:/no/such/folder", "no such folder: /no/such/folder"),
         ("video:/no/such.avi", r"expected VIDEO\+BOXFILE"),
         ("video:/no/such.avi+/no/boxes.txt", r"no such file: /no/such.avi"),

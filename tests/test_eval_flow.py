@@ -447,6 +447,27 @@ def test_any_dense_optical_flow_of_cv2_is_a_method(name, tmp_path):
     assert run_one(name, tmp_path, make_pair(shift=(2.0, 0.0), size=(120, 160))).scores["aepe"] < 0.5
 
 
+def test_kitti_comes_back_to_a_64th_of_a_pixel(tmp_path):
+    """Our export is read again: the frames as they are, the flow as exactly as 16 bits hold it."""
+    from dataclasses import replace
+
+    from datasets_synthetic import SUITES, render
+    from datasets_synthetic.export import write_kitti
+
+    sequence = render(replace(SUITES["smoke"][0], frames=3))
+    folder = write_kitti(sequence, tmp_path)
+    for where, prefix in ((folder, ""), (tmp_path, f"{sequence.name}-")):
+        pairs = list(flow_data.dataset_pairs(f"kitti:{where}"))
+        assert [pair.name for pair in pairs] == [f"{prefix}000000", f"{prefix}000001"]
+    for t, pair in enumerate(pairs):
+        flow, valid = sequence.flow(t)
+        np.testing.assert_array_equal(pair.valid, valid)
+        np.testing.assert_array_equal(pair.second, sequence.frames[t + 1])
+        assert np.abs(pair.flow - flow)[valid].max() <= 1 / 128
+    with pytest.raises(ValueError, match="expected a folder with flow_occ"):
+        list(flow_data.dataset_pairs(f"kitti:{tmp_path / 'none'}"))
+
+
 def test_unknown_method_names_the_known_ones(tmp_path):
     """The error lists every method and says that pkg.module:factory goes too, before anything runs."""
     with pytest.raises(ValueError, match=r"unknown flow method 'zoro'; known: zero, .*belief-propagation") as caught:

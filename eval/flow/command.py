@@ -119,7 +119,7 @@ def main_flow(
     Parameters
     ----------
     dataset
-        middlebury:DIR, a folder of NAME/frame10.png, frame11.png, flow10.flo.
+        middlebury:DIR, a folder of NAME/frame10.png, frame11.png, flow10.flo; or kitti:DIR.
     methods
         Names, or pkg.module:factory; all known ones if not given.
     pairs

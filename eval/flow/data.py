@@ -1,4 +1,4 @@
-"""Pairs of frames whose true flow is known: Middlebury-layout folders and the synthetic suites."""
+"""Pairs of frames whose true flow is known: folders as Middlebury's and KITTI's, and the synthetic suites."""
 
 from __future__ import annotations
 
@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from datasets_synthetic import SequenceSpec
 
-__all__ = ["TUNED_ON", "FlowPair", "dataset_pairs", "middlebury_pairs", "read_flo", "suite_pairs", "write_flo"]
+__all__ = [
+    "TUNED_ON",
+    "FlowPair",
+    "dataset_pairs",
+    "kitti_pairs",
+    "middlebury_pairs",
+    "read_flo",
+    "suite_pairs",
+    "write_flo",
+]
 
 TUNED_ON = frozenset({"Dimetrodon", "Grove2", "RubberWhale", "Urban2"})
 """Middlebury pairs on which our presets' parameters were chosen; the others are reported separately."""
@@ -177,13 +186,50 @@ def _read_frame(path: Path) -> NDArray[np.uint8]:
     return np.asarray(frame, dtype=np.uint8)
 
 
+def kitti_pairs(folder: Path) -> Iterator[FlowPair]:
+    """Pairs in KITTI's layout, ``image_2/NAME_10.png``, ``NAME_11.png``, ``flow_occ/NAME_10.png``, here or below.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Yields
+    ------
+    FlowPair
+        In the order of their names.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds no pair, or a file cannot be read.
+    """
+    truths = sorted(folder.rglob("flow_occ/*_10.png"))
+    if not truths:
+        raise ValueError(f"expected a folder with flow_occ/NAME_10.png and image_2, got {folder}")
+    for path in truths:
+        place, name = path.parents[1], path.stem.removesuffix("_10")
+        stored = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+        if stored is None or stored.dtype != np.uint16 or stored.ndim != 3:
+            raise ValueError(f"expected a flow of 16 bits and three channels, got {path}")
+        valid = np.asarray(stored[..., 0] > 0)
+        flow = (stored[..., :0:-1].astype(np.float32) - 32768.0) / 64.0
+        frames = tuple(_read_frame(place / "image_2" / f"{name}_{number}.png") for number in (10, 11))
+        yield FlowPair(
+            name if place == folder else f"{place.name}-{name}",
+            frames,
+            0,
+            np.where(valid[..., np.newaxis], flow, np.float32(0)),
+            valid,
+        )
+
+
 def dataset_pairs(dataset: str) -> Iterator[FlowPair]:
     """Pairs of a dataset given on the command line as ``kind:folder``.
 
     Parameters
     ----------
     dataset : str
-        ``middlebury:DIR``.
+        ``middlebury:DIR`` or ``kitti:DIR``.
 
     Returns
     -------
@@ -195,9 +241,10 @@ def dataset_pairs(dataset: str) -> Iterator[FlowPair]:
         If the kind is unknown.
     """
     kind, _, folder = dataset.partition(":")
-    if kind != "middlebury" or not folder:
-        raise ValueError(f"expected middlebury:DIR, got {dataset!r}")
-    return middlebury_pairs(Path(folder))
+    readers = {"middlebury": middlebury_pairs, "kitti": kitti_pairs}
+    if kind not in readers or not folder:
+        raise ValueError(f"expected middlebury:DIR or kitti:DIR, got {dataset!r}")
+    return readers[kind](Path(folder))
 
 
 def suite_pairs(suite: str, count: int) -> Iterator[FlowPair]:

@@ -1,0 +1,217 @@
+"""Files that hold the truth of many objects, or of many videos: MOT, COCO video, CSV of labelling tools.
+
+Each is read into tracks by the name of the object. What is not understood is refused with file, place and text.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .truthfiles import SequenceError, read_number, read_text
+
+__all__ = ["CocoVideo", "Tracks", "read_coco", "read_csv", "read_mot"]
+
+FloatArray = NDArray[np.float64]
+Rows = dict[int, tuple[tuple[float, float, float, float], float]]
+Tracks = Mapping[str, tuple[FloatArray, FloatArray]]
+"""By object, boxes (T, 4) and visibility (T,) of all frames of the video: NaN and 0 where it is not."""
+
+_CORNERS = (("xtl", "ytl", "xbr", "ybr"), ("x1", "y1", "x2", "y2"), ("xmin", "ymin", "xmax", "ymax"))
+_SIDES = (("x", "y", "w", "h"), ("x", "y", "width", "height"), ("left", "top", "width", "height"))
+_NAMES = ("track_id", "object_id", "instance_id", "id", "label")
+_MOT_COLUMNS = (6, 7, 8, 9, 10)
+
+
+def _as_arrays(rows: Rows, count: int) -> tuple[FloatArray, FloatArray]:
+    boxes, visibility = np.full((count, 4), np.nan), np.zeros(count)
+    for frame, (box, shown) in rows.items():
+        boxes[frame], visibility[frame] = box, shown
+    visibility[~(boxes[:, 2:] > 0).all(axis=1)] = 0.0
+    boxes[~(boxes[:, 2:] > 0).all(axis=1)] = np.nan
+    return boxes, visibility
+
+
+def _place(rows: Rows, frame: float, count: int, where: str) -> int:
+    """Index of a frame, which is there and has no box yet."""
+    index = int(frame)
+    if index != frame or not 0 <= index < count:
+        raise SequenceError(f"{where}: expected a frame of the {count} that there are, got {frame:g} (from 0)")
+    if index in rows:
+        raise SequenceError(f"{where}: a second box of the same object in one frame")
+    return index
+
+
+def read_mot(path: Path, count: int) -> Tracks:
+    """Read the file of MOTChallenge: frame, object, x, y, w, h, and optionally flag, class, visibility.
+
+    Frames and pixels count from 1. Rows whose flag is 0 are not to be judged, and are left out.
+
+    Parameters
+    ----------
+    path : Path
+    count : int
+        Number of frames.
+    """
+    found: dict[str, Rows] = {}
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        if not line.strip():
+            continue
+        where = f"{path}:{number}"
+        words = [word.strip() for word in line.split(",")]
+        if len(words) not in _MOT_COLUMNS:
+            raise SequenceError(f"{where}: expected 6 to 10 numbers, got {len(words)} in {line[:80]!r}")
+        values = [read_number(word, where) for word in words]
+        if len(values) > 6 and values[6] == 0:
+            continue
+        x, y, w, h = values[2:6]
+        rows = found.setdefault(f"{values[1]:g}", {})
+        shown = values[8] if len(values) == 9 else 1.0
+        rows[_place(rows, values[0] - 1, count, where)] = ((x - 1, y - 1, w, h), shown)
+    return {name: _as_arrays(rows, count) for name, rows in found.items()}
+
+
+@dataclass(frozen=True)
+class CocoVideo:
+    """One video of a COCO file: names of its images, beside the file, and what is tracked in it."""
+
+    name: str
+    images: tuple[str, ...]
+    tracks: Tracks
+
+
+def read_coco(path: Path) -> list[CocoVideo]:
+    """Read a COCO file: images with `video_id` and `frame_id`, annotations with `track_id` or `instance_id`.
+
+    Without videos all images are one, in the order of their ids; without tracks there is one object. Of our own
+    exports the boxes of hidden frames come back too.
+    """
+    try:
+        data = json.loads(read_text(path))
+        videos: dict[Any, list[dict[str, Any]]] = {}
+        for image in data["images"]:
+            videos.setdefault(image.get("video_id", 0), []).append(image)
+        names = {one["id"]: str(one["name"]) for one in data.get("videos", ())}
+        notes: dict[Any, list[dict[str, Any]]] = {}
+        for note in data["annotations"]:
+            notes.setdefault(note["image_id"], []).append(note)
+        return [
+            _coco_video(names.get(number, path.parent.name), images, notes, f"{path}")
+            for number, images in videos.items()
+        ]
+    except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+        raise SequenceError(
+            f"{path}: expected COCO's images and annotations, got {type(error).__name__}: {error}"
+        ) from error
+
+
+def _coco_video(
+    name: str, images: list[dict[str, Any]], notes: Mapping[Any, list[dict[str, Any]]], where: str
+) -> CocoVideo:
+    order = sorted(images, key=lambda image: image.get("frame_id", image.get("frame_index", image["id"])))
+    found: dict[str, Rows] = {}
+    for index, image in enumerate(order):
+        for note in notes.get(image["id"], ()):
+            rows = found.setdefault(str(note.get("track_id", note.get("instance_id", 0))), {})
+            x, y, w, h = (float(value) for value in note["bbox"])
+            place = _place(rows, index, len(order), f"{where}: annotation {note.get('id')}")
+            rows[place] = ((x, y, w, h), float(note.get("visibility", 1.0)))
+        if "hidden_bbox" in image:
+            x, y, w, h = (float(value) for value in image["hidden_bbox"])
+            found.setdefault("0", {})[index] = ((x, y, w, h), 0.0)
+    files = tuple(str(image["file_name"]) for image in order)
+    return CocoVideo(name, files, {track: _as_arrays(rows, len(order)) for track, rows in found.items()})
+
+
+def read_csv(path: Path, count: int, size: tuple[int, int], video: str) -> Tracks:
+    """Read a CSV with a heading, as labelling tools write it.
+
+    Either a row per box, as CVAT's converters give it: `frame` (from 0), a box as corners (`xtl`, `ytl`, `xbr`, `ybr`
+    and the like) or with sides (`x`, `y`, `w`, `h`), and optionally an object (`track_id`, `label`), `outside` or
+    `visibility`. Or Label Studio's row per video, whose column of JSON holds keyframes in per cent of the frame, the
+    first of number 1, with straight lines between them.
+
+    Parameters
+    ----------
+    path : Path
+    count : int
+        Number of frames.
+    size : (int, int)
+        Width and height of the frames, px.
+    video : str
+        Name of the video's file, by which a row of Label Studio's is known where there are several.
+    """
+    reader = csv.DictReader(io.StringIO(read_text(path)))
+    rows = list(reader)
+    columns = [name for name in reader.fieldnames or () if name]
+    if "frame" in columns:
+        return _boxes_of_rows(rows, columns, count, path)
+    for column in columns:
+        if any('"sequence"' in (row[column] or "") for row in rows):
+            return _label_studio(rows, column, count, size, video, path)
+    raise SequenceError(f"{path}: expected a column `frame`, or one of Label Studio's JSON, got {', '.join(columns)}")
+
+
+def _boxes_of_rows(rows: list[dict[str, str]], columns: list[str], count: int, path: Path) -> Tracks:
+    names = next((names for names in (*_CORNERS, *_SIDES) if set(names) <= set(columns)), None)
+    if names is None:
+        raise SequenceError(
+            f"{path}: expected columns of a box, such as xtl, ytl, xbr, ybr, got {', '.join(columns)}"
+        )
+    identity = next((name for name in _NAMES if name in columns), None)
+    found: dict[str, Rows] = {}
+    for number, row in enumerate(rows, start=2):
+        where = f"{path}:{number}"
+        if (row.get("outside") or "0").strip().lower() in ("1", "true"):
+            continue
+        a, b, c, d = (read_number((row[name] or "").strip(), where) for name in names)
+        box = (a, b, c - a, d - b) if names in _CORNERS else (a, b, c, d)
+        shown = read_number(row["visibility"].strip(), where) if row.get("visibility") else 1.0
+        track = found.setdefault(row[identity].strip() if identity else "0", {})
+        track[_place(track, read_number((row["frame"] or "").strip(), where), count, where)] = (box, shown)
+    return {name: _as_arrays(track, count) for name, track in found.items()}
+
+
+def _label_studio(
+    rows: list[dict[str, str]], column: str, count: int, size: tuple[int, int], video: str, path: Path
+) -> Tracks:
+    chosen = [row for row in rows if '"sequence"' in (row[column] or "")]
+    if len(chosen) > 1:
+        chosen = [row for row in chosen if any((row[name] or "").endswith(video) for name in row if name)]
+    if len(chosen) != 1:
+        raise SequenceError(f"{path}: expected one row about {video}, got {len(chosen)}")
+    try:
+        tracks = json.loads(chosen[0][column])
+        return {
+            str(number): _as_arrays(_between(track["sequence"], count, size), count)
+            for number, track in enumerate(tracks, start=1)
+        }
+    except (ValueError, KeyError, TypeError) as error:
+        raise SequenceError(
+            f"{path}: expected Label Studio's keyframes, got {type(error).__name__}: {error}"
+        ) from error
+
+
+def _between(keys: Iterable[Mapping[str, Any]], count: int, size: tuple[int, int]) -> Rows:
+    """Boxes of all frames from keyframes: straight lines, and nothing after one that is not enabled."""
+    order = sorted(keys, key=lambda key: int(key["frame"]))
+    sides = np.array([size[0], size[1], size[0], size[1]]) / 100.0
+    rows: Rows = {}
+    for key, after in zip(order, [*order[1:], None], strict=True):
+        start = int(key["frame"]) - 1
+        end = count if after is None else int(after["frame"]) - 1
+        own = np.array([float(key[name]) for name in ("x", "y", "width", "height")]) * sides
+        next_ = own if after is None else np.array([float(after[n]) for n in ("x", "y", "width", "height")]) * sides
+        last = end if key.get("enabled", True) else start + 1
+        for frame in range(max(start, 0), min(last, count)):
+            x, y, w, h = (own + (next_ - own) * (frame - start) / max(end - start, 1)).tolist()
+            rows[frame] = ((x, y, w, h), 1.0)
+    return rows
