@@ -11,6 +11,7 @@ __all__ = ["COMMANDS", "main"]
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("eval.commands:run", "run trackers over a suite or data set"),
+    "merge": ("eval.commands:merge", "bring the results of several machines together"),
     "speed": ("eval.commands:speed", "time single updates, all trackers side by side"),
     "flow": ("eval.flow.command:main_flow", "compare dense flow methods on true flow"),
     "mot": ("eval.mot.command:main_mot", "compare trackers of several objects, for where and for who"),

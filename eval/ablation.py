@@ -1,7 +1,7 @@
 """What each part of the tracker is worth: the same tracker with one part taken out, or with another flow in it.
 
 The tracker has no switches for this, since a switch that nobody should touch is a burden on everybody. The surgery is
-done from outside: the process that runs the ablated tracker (each run has one of its own) first replaces a function
+done from outside: the process that runs the ablated tracker (it serves no other tracker) first replaces a function
 of the library. A part that is no longer where it was raises, so that no row of the table can be a row without effect.
 """
 
@@ -27,6 +27,7 @@ WHOLE = "whole"
 """Name of the tracker from which nothing is taken."""
 
 _LIBRARY = "hs_tracker_cv"
+_DONE: set[str] = set()  # in this process, which may serve several sequences
 _SOURCES = (_LIBRARY, __name__, "eval.flow.methods", "eval.baselines")
 
 
@@ -83,8 +84,10 @@ def ablated(without: str) -> Any:
     part = ABLATIONS.get(without, Ablation("", ""))
     # All of it first: a module imported after the surgery would bind what another was given.
     library = import_module(f"{_LIBRARY}.tracker")
-    for cut in part.cuts:
-        cut.do()
+    if without not in _DONE:
+        for cut in part.cuts:
+            cut.do()
+        _DONE.add(without)
     return library.TrackerHS_create(library.TrackerHS_Params(mode=part.mode))
 
 

@@ -1,4 +1,4 @@
-"""Runs trackers on sequences, each pair in a process of its own.
+"""Runs trackers on sequences: one process serves one tracker on a few of them.
 
 A tracker gets to see one frame after another, and its start box as whole numbers; a protocol
 (:mod:`eval.protocols`) decides which. The truth stays in this process.
@@ -8,21 +8,24 @@ from __future__ import annotations
 
 import hashlib
 import os
+import socket
 import threading
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
-import joblib
 import numpy as np
 from numpy.typing import NDArray
 
 from .framesource import FrameSourceError
-from .process import CancelledError, Child, ChildError, KilledError, Limits, isolation
+from .process import Child, ChildError, KilledError, Limits, isolation
 from .protocols import ONE_PASS, Box, Protocol, Step
 from .results import COMPLETED, Folder, ResultsError, Run, Trajectory, provenance
+from .scheduling import ATTEMPTS, in_parallel
 from .sequences import Sequence
 from .trackers import TrackerSpec, code_version
 
@@ -40,10 +43,10 @@ __all__ = [
 TRACK = "eval.track:Track"
 """The service that a tracker's process runs."""
 
-ATTEMPTS = 3
-"""Processes that are started for one job if each is killed from outside: the last one is the tracker's fault."""
+BATCH_FRAMES = 3000
+"""Frames that one process of a tracker serves at most, so that starting it costs little and losing it as well."""
 
-_PROTOCOL = "2"  # part of every key of a run: raise it when what a tracker is given changes
+_PROTOCOL = "3"  # part of every key of a run: raise it when what a tracker is given changes
 
 
 @dataclass(frozen=True)
@@ -110,11 +113,12 @@ def run_jobs(
     folder: Folder,
     *,
     workers: int,
+    dask: str = "",
     limits: Limits | None = None,
     retry_failed: bool = False,
     report: Callable[[Run, bool, str], None],
 ) -> None:
-    """Run what has no valid result yet, in parallel, and store each result as soon as it exists.
+    """Run what has no valid result yet, in parallel, and store each result as soon as it is here.
 
     Parameters
     ----------
@@ -122,47 +126,100 @@ def run_jobs(
     folder : Folder
     workers : int
         Number of processes at a time.
+    dask : str, optional
+        Address of a scheduler of Dask's, whose workers run the jobs instead.
     limits : Limits, optional
     retry_failed : bool, optional
         Run those again whose stored status is not "completed".
     report : callable
-        Called from any thread with each run, whether it was reused, and a note to the user (mostly empty).
+        Called with each run, whether it was reused, and a note to the user (mostly empty).
 
     Raises
     ------
     ResultsError
-        When a result cannot be written; running processes are ended, stored results stay.
+        When a result cannot be written, or a worker of a cluster has other code; running processes are ended, stored
+        results stay.
     KeyboardInterrupt
         Passed on after ending the running processes.
     """
-    limits = limits or Limits()
     versions = {job.tracker.name: code_version(job.tracker) for job in jobs}
-    stamp = {**provenance(), "isolation": isolation()}
-    stop = threading.Event()
+    waiting, notes = [], {}
+    for job in jobs:
+        key = job.key(versions[job.tracker.name])
+        stored, note = _stored(job, key, folder)
+        if stored is not None and (stored.status == COMPLETED or not retry_failed):
+            report(stored, True, note)
+        else:
+            waiting.append(Keyed(job, key))
+            notes[key] = note
+    batches = [
+        Batch(part, versions[part[0].job.tracker.name], limits or Limits(), folder.path.absolute())
+        for part in _batched(waiting, workers)
+    ]
+    with closing(in_parallel(_run_batch, batches, workers=workers, dask=dask)) as found:
+        for run in chain.from_iterable(found):
+            folder.write_run(run)
+            report(run, False, notes[run.key])
 
-    def work(job: Job) -> None:
-        if stop.is_set():
-            return
-        try:
-            key = job.key(versions[job.tracker.name])
-            stored, note = _stored(job, key, folder)
-            reused = stored is not None and (stored.status == COMPLETED or not retry_failed)
-            if stored is None or not reused:
-                origin = {**stamp, "code": versions[job.tracker.name]}
-                stored = run_one(job, key=key, limits=limits, stamp=origin, stop=stop, results=folder.path)
-                folder.write_run(stored)
-            report(stored, reused, note)
-        except CancelledError:
-            return
-        except BaseException:
-            stop.set()
-            raise
 
-    # Threads, since each does nothing but wait for a process of its own.
-    try:
-        joblib.Parallel(n_jobs=workers, backend="threading", batch_size=1)(joblib.delayed(work)(job) for job in jobs)
-    finally:
-        stop.set()
+class Keyed(NamedTuple):
+    """A job, and the key of its result."""
+
+    job: Job
+    key: str
+
+
+class Batch(NamedTuple):
+    """Jobs of one tracker that one process of it serves; all on different sequences.
+
+    Parameters
+    ----------
+    jobs : tuple of Keyed
+    version : str
+        Of the tracker's code, where the jobs come from.
+    limits : Limits
+    results : Path
+        Folder that is none of the tracker's business.
+    """
+
+    jobs: tuple[Keyed, ...]
+    version: str
+    limits: Limits
+    results: Path
+
+
+def _batched(jobs: list[Keyed], workers: int) -> list[tuple[Keyed, ...]]:
+    """Jobs in batches, those first whose sequences come first, so that early results are on the same ones for all.
+
+    A process never gets a sequence twice: what it has seen from one start box is no help for the next.
+    """
+    frames = sum(len(one.job.sequence) for one in jobs)
+    most = min(BATCH_FRAMES, frames / (4 * workers))
+    place: dict[str, int] = {}
+    groups: dict[tuple[str, int, int], list[list[Keyed]]] = {}
+    for one in jobs:
+        job = one.job
+        place.setdefault(job.sequence.name, len(place))
+        parts = groups.setdefault((job.tracker.name, job.start, job.repeat), [[]])
+        if sum(len(other.job.sequence) for other in parts[-1]) + len(job.sequence) > most and parts[-1]:
+            parts.append([])
+        parts[-1].append(one)
+    found = [tuple(part) for parts in groups.values() for part in parts]
+    return sorted(found, key=lambda part: place[part[0].job.sequence.name])
+
+
+def _run_batch(batch: Batch, stop: threading.Event) -> list[Run]:
+    """Run a batch, wherever this is."""
+    tracker = batch.jobs[0].job.tracker
+    if code_version(tracker) != batch.version:
+        raise ResultsError(
+            f"the code of {tracker.name} on {socket.gethostname()} is not what it is where the run was started: "
+            "same checkout and versions everywhere, please"
+        )
+    stamp = {**provenance(), "isolation": isolation(), "code": batch.version}
+    hidden = {path for one in batch.jobs for path in hidden_paths(one.job.sequence, batch.results)}
+    with _Server(tracker, batch.limits, sorted(hidden), stop) as server:
+        return [_run(one.job, one.key, server, stamp) for one in batch.jobs]
 
 
 def _stored(job: Job, key: str, folder: Folder) -> tuple[Run | None, str]:
@@ -215,21 +272,58 @@ def run_one(
     Run
         Its status says what went wrong; frames without an answer count as ``ok=False``.
     """
-    limits = limits or Limits()
+    origin = stamp or {**provenance(), "isolation": isolation(), "code": code_version(job.tracker)}
     hidden = hidden_paths(job.sequence, results)
-    for attempt in range(1, ATTEMPTS + 1):
+    with _Server(job.tracker, limits or Limits(), hidden, stop or threading.Event()) as server:
+        return _run(job, key, server, origin)
+
+
+class _Server:
+    """A process of a tracker, started when it is needed, which serves one job after another until one fails."""
+
+    def __init__(self, tracker: TrackerSpec, limits: Limits, hidden: list[Path], stop: threading.Event) -> None:
+        self.limits = limits
+        self.used = False
+        self._tracker, self._hidden, self._stop = tracker, hidden, stop
+        self._child: Child | None = None
+
+    def __enter__(self) -> _Server:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def child(self) -> Child:
+        """Return the process: the one that has served before, or a fresh one."""
+        self.used = self._child is not None
+        if self._child is None:
+            limits = with_parameters(self.limits, self._tracker)
+            self._child = Child(TRACK, limits, hidden=self._hidden, stop=self._stop)
+        return self._child
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        if self._child is not None:
+            self._child.close()
+        self._child = None
+
+
+def _run(job: Job, key: str, server: _Server, stamp: Mapping[str, Any]) -> Run:
+    """Run one job, again where its failure may be another's fault: a kill from outside, what was served before."""
+    deaths = 0
+    while True:
         answers = _Answers(len(job.sequence))
         try:
-            _follow(job, answers, limits, hidden, stop)
-        except KilledError as error:
-            answers.reason = str(error)
-            if attempt < ATTEMPTS:
-                continue
+            _follow(job, answers, server)
         except (ChildError, FrameSourceError) as error:
             answers.reason = str(error)
-        break
-    origin = stamp or {**provenance(), "isolation": isolation(), "code": code_version(job.tracker)}
-    return _as_run(job, key, answers, origin)
+            server.close()
+            deaths += isinstance(error, KilledError)
+            if (isinstance(error, KilledError) and deaths < ATTEMPTS) or (
+                isinstance(error, ChildError) and server.used
+            ):
+                continue
+        return _as_run(job, key, answers, stamp)
 
 
 class _Answers:
@@ -288,10 +382,9 @@ class _Walk:
         return answer.content
 
 
-def _follow(job: Job, answers: _Answers, limits: Limits, hidden: list[Path], stop: threading.Event | None) -> None:
-    with Child(TRACK, with_parameters(limits, job.tracker), hidden=hidden, stop=stop) as child:
-        begin = job.protocol.begin(job.sequence, job.start)
-        job.protocol.lead(_Walk(child, job, answers, limits), job.sequence, begin)
+def _follow(job: Job, answers: _Answers, server: _Server) -> None:
+    begin = job.protocol.begin(job.sequence, job.start)
+    job.protocol.lead(_Walk(server.child(), job, answers, server.limits), job.sequence, begin)
 
 
 def _checked(answer: Mapping[str, Any]) -> dict[str, Any]:
@@ -322,7 +415,7 @@ def open_request(job: Job, first: int = 0) -> dict[str, Any]:
                 sequence.boxes[first:].tolist(), sequence.visibility[first:].tolist(), strict=True
             )
         ]
-    return {"do": "open", "factory": job.tracker.factory, "params": params}
+    return {"do": "open", "factory": job.tracker.factory, "params": params, "seed": job.repeat}
 
 
 def _as_run(job: Job, key: str, answers: _Answers, stamp: Mapping[str, Any]) -> Run:

@@ -11,15 +11,29 @@ import tyro
 
 from . import ablation, regression
 from .accuracy import Job, make_jobs, run_jobs
-from .datasets import load_dataset
-from .options import Dataset, Datasets, Jobs, Only, Out, Paths, Suite, SuiteName, Suites, Trackers, listed
+from .datasets import canonical_dataset, load_dataset
+from .options import (
+    Dask,
+    Dataset,
+    Datasets,
+    Jobs,
+    Models,
+    Only,
+    Out,
+    Paths,
+    Suite,
+    SuiteName,
+    Suites,
+    Trackers,
+    listed,
+)
 from .plots import write_figure
 from .process import Limits
 from .progress import Steps, make_console
 from .protocol_tables import protocol_tables
 from .protocols import ONE_PASS, Protocol, find_protocol
 from .report import write_figures, write_report
-from .results import COMPLETED, Folder, Run, SpeedRun
+from .results import COMPLETED, Folder, ResultsError, Run, SpeedRun
 from .sequences import Sequence, canonical_suite, load_suite, suite_folder
 from .speed import BLOCK, TIMED_UPDATES, measure_speed
 from .sweep import BOX, Grid, sweep_figure, sweep_jobs, sweep_sequences, sweep_table, sweep_text
@@ -44,7 +58,7 @@ from .tables import (
 from .trackers import DEFAULT_TRACKERS, TrackerSpec, find_tracker
 from .truthfiles import SequenceError
 
-__all__ = ["ablate", "bench", "check", "report", "run", "speed", "sweep"]
+__all__ = ["ablate", "bench", "check", "merge", "report", "run", "speed", "sweep"]
 
 _console = make_console()
 
@@ -64,6 +78,9 @@ def run(
     frames: int | None = None,
     retry_failed: bool = False,
     paths: Paths = (),
+    models: Models = None,
+    dask: Dask = "",
+    shard: str = "1/1",
     out: Out = Path("results"),
 ) -> None:
     """Run trackers over a suite or data set and store what they answer. What has been run is not run again.
@@ -84,19 +101,48 @@ def run(
         Only the first so many of each sequence.
     retry_failed
         Run those again that failed before.
+    shard
+        I/N: only every N-th sequence from the I-th on, as one of N machines; `merge` brings their results together.
     """
-    specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
+    specs = [find_tracker(name, models) for name in dict.fromkeys(trackers)]
     led = find_protocol(protocol)
     if starts and led is not ONE_PASS:
         raise ValueError(f"expected --starts with --protocol {ONE_PASS.name}, got it with {protocol}")
+    first, step = _shard(shard)
     folder, found = _open(out, suite, dataset, sequences, frames=frames)
     limits = Limits(timeout, memory, processes, paths)
-    _run_with_progress(specs, found, folder, jobs, limits, starts, retry_failed, led)
+    part = found[first::step]
+    _run_with_progress(specs, part, folder, jobs, limits, starts, retry_failed, led, dask)
     names = [spec.name for spec in specs]
-    if led is ONE_PASS:
+    if part and led is ONE_PASS:
         _print_summary(folder, names)
-    else:
+    elif part:
         _print_protocol(folder, names, led)
+
+
+def _shard(text: str) -> tuple[int, int]:
+    """Index of the first sequence of ``I/N``, and the step to the next."""
+    number, slash, count = text.partition("/")
+    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise ValueError(f"expected a shard I/N with I from 1 to N, got {text!r}")
+    return int(number) - 1, int(count)
+
+
+def merge(folders: tyro.conf.Positional[tuple[Path, ...]], /, *, out: Out = Path("results")) -> None:
+    """Bring the results of several machines together: what `run --shard I/N` has stored on each.
+
+    Parameters
+    ----------
+    folders
+        What each of them had as `--out`.
+    """
+    for root in folders:
+        found = sorted(path.parent for path in root.glob("*/run.json"))
+        if not found:
+            raise ResultsError(f"no results in {root}")
+        for path in found:
+            added = Folder(out / path.name).merge(Folder(path))
+            _console.print(f"{path}: {added} results", highlight=False)
 
 
 def speed(
@@ -109,6 +155,7 @@ def speed(
     block: int = BLOCK,
     timeout: float = 60.0,
     paths: Paths = (),
+    models: Models = None,
     out: Out = Path("results"),
 ) -> None:
     """Time updates: one thread, warm, trackers by turns on the same few frames. Leave the machine alone.
@@ -123,7 +170,7 @@ def speed(
     timeout
         Seconds for one update.
     """
-    specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
+    specs = [find_tracker(name, models) for name in dict.fromkeys(trackers)]
     folder, found = _open(out, suite, dataset, sequences)
     _speed_with_progress(specs, found, folder, Limits(timeout, paths=paths), frames=frames, block=block)
     measured = folder.read_speeds()
@@ -311,6 +358,7 @@ def _load(
     name = canonical_suite(suite or "standard")
     if suite not in (None, name):
         _console.print(f"seed of the clock: the same sequences again are --suite {name}", highlight=False)
+    dataset = dataset and canonical_dataset(dataset)
     source = dataset or f"suite:{name}"
     with _console.status(f"reading {source}"):
         found = load_dataset(dataset, only) if dataset else load_suite(name)
@@ -368,14 +416,15 @@ def _run_with_progress(
     starts: int,
     retry_failed: bool,
     protocol: Protocol = ONE_PASS,
+    dask: str = "",
 ) -> None:
     jobs = make_jobs(specs, sequences, starts=starts, protocol=protocol)
     title = f"{len(specs)} trackers × {len(sequences)} sequences"
-    _run_jobs_with_progress(jobs, title, folder, workers, limits, retry_failed)
+    _run_jobs_with_progress(jobs, title, folder, workers, limits, retry_failed, dask)
 
 
 def _run_jobs_with_progress(
-    jobs: list[Job], title: str, folder: Folder, workers: int, limits: Limits, retry_failed: bool
+    jobs: list[Job], title: str, folder: Folder, workers: int, limits: Limits, retry_failed: bool, dask: str = ""
 ) -> None:
     with Steps(_console, title, len(jobs)) as steps:
 
@@ -386,7 +435,7 @@ def _run_jobs_with_progress(
             if finished.status != COMPLETED and not reused:
                 steps.say(f"{finished.tracker} on {finished.sequence}: {finished.status}")
 
-        run_jobs(jobs, folder, workers=workers, limits=limits, retry_failed=retry_failed, report=done)
+        run_jobs(jobs, folder, workers=workers, dask=dask, limits=limits, retry_failed=retry_failed, report=done)
 
 
 def _speed_with_progress(

@@ -8,13 +8,14 @@ from typing import Annotated
 import tyro
 
 __all__ = [
-    "Dataset", "Datasets", "Jobs", "Only", "Out", "Paths", "Suite", "SuiteName", "Suites", "Trackers", "listed",
+    "Dask", "Dataset", "Datasets", "Jobs", "Models", "Only", "Out", "Paths", "Suite", "SuiteName", "Suites",
+    "Trackers", "listed",
 ]  # fmt: skip
 
 _SUITE = "Synthetic suite, drawn:N:SEED or drawn/THEME:N:SEED (SEED may be clock)"
 SuiteName = Annotated[str, tyro.conf.arg(help=f"{_SUITE}.")]
 Suite = Annotated[str | None, tyro.conf.arg(help=f'{_SUITE}; "standard" when no data set is given.')]
-_DATASET = "otb:DIR, vot:DIR, got10k:DIR or video:FILE+BOXFILE"
+_DATASET = "otb:, vot:, got10k:, lasot:, mot:, coco:DIR, video:FILE+BOXFILE or csv:VIDEO+FILE; or the path alone"
 Dataset = Annotated[str | None, tyro.conf.arg(help=f"{_DATASET}.")]
 Trackers = Annotated[tuple[str, ...], tyro.conf.arg(help="Names, or pkg.module:factory.")]
 Suites = Annotated[tuple[str, ...], tyro.conf.arg(help=f"{_SUITE}; any number.")]
@@ -23,6 +24,10 @@ Only = Annotated[
     tuple[str, ...], tyro.conf.arg(help="Only these sequences; @FILE: the names in a file, a line each.")
 ]
 Jobs = Annotated[int, tyro.conf.arg(help="Processes at a time; time is measured with one whatever this says.")]
+Dask = Annotated[str, tyro.conf.arg(help="Address of a Dask scheduler: its workers run the trackers instead.")]
+Models = Annotated[
+    Path | None, tyro.conf.arg(help="Folder of the model files of TrackerNano, TrackerVit, DaSiamRPN.")
+]
 Paths = Annotated[
     tuple[str, ...], tyro.conf.arg(help="Files and folders that trackers may use besides their own code: weights.")
 ]

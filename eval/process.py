@@ -31,10 +31,13 @@ from .supervisor import SCRATCH
 from .wire import GarbledError, read_message, write_message
 from .worker import Arrays
 
-__all__ = ["Answer", "CancelledError", "Child", "ChildError", "KilledError", "Limits", "isolation"]
+__all__ = ["SCRATCH_ROOT", "Answer", "CancelledError", "Child", "ChildError", "KilledError", "Limits", "isolation"]
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Environment of a process in which nothing runs beside what is measured."""
+
+SCRATCH_ROOT = "HS_EVAL_SCRATCH"
+"""Variable of the environment: the folder in which working folders are made, where that is not the system's."""
 
 START_SECONDS = 120.0
 """For a child to be ready, on a machine that is busy; it is not charged to what it runs."""
@@ -145,7 +148,7 @@ class Child:
         self._ending = threading.Lock()
         self._known: dict[int, psutil.Process] = {}
         self._worker = 0
-        self._scratch = tempfile.mkdtemp(prefix=SCRATCH)
+        self._scratch = tempfile.mkdtemp(prefix=SCRATCH, dir=os.environ.get(SCRATCH_ROOT))
         self._printed = tempfile.TemporaryFile()
         try:
             # Whoever can draw a suite knows its truth.

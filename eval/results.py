@@ -318,6 +318,41 @@ class Folder:
         except TypeError as error:
             raise self._corrupt(path, error) from error
 
+    def merge(self, other: Folder) -> int:
+        """Take over the results of another folder about the same sequences; return how many are new.
+
+        Raises
+        ------
+        ResultsError
+            If the sequences are others, or both have run the same thing with other code or on other data.
+        """
+        manifest = other.read_manifest()
+        theirs = {sequence.name: sequence.digest for sequence in other.read_sequences()}
+        if (self.path / "run.json").exists():
+            ours = {sequence.name: sequence.digest for sequence in self.read_sequences()}
+            if ours != theirs:
+                odd = sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))
+                raise ResultsError(f"{other.path} is not about the sequences of {self.path}: {', '.join(odd[:5])}")
+        else:
+            self._write(self.path / "run.json", manifest)
+        files = (
+            path
+            for kind in ("sequences", "tracks", "protocols", "speed", "flow")
+            for path in other.path.glob(f"{kind}/**/*.json")
+        )
+        return sum(self._take(path, self.path / path.relative_to(other.path)) for path in sorted(files))
+
+    def _take(self, path: Path, place: Path) -> bool:
+        """Copy a file unless it is there; whether that is a result that was not."""
+        data = self._read(path)
+        if not place.exists():
+            self._write(place, data)
+        elif self._read(place).get("key") != data.get("key"):
+            raise ResultsError(f"{path} and {place} were run with other code or on other data: delete one of them")
+        else:
+            return False
+        return "key" in data
+
     def _write(self, path: Path, data: Mapping[str, Any]) -> None:
         scratch = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
@@ -393,7 +428,7 @@ def _sequence_to_json(sequence: Sequence) -> dict[str, Any]:
         "name": sequence.name,
         "frames": sequence.frames.to_json(),
         "boxes": [[None if math.isnan(value) else float(value) for value in box] for box in sequence.boxes],
-        "visibility": sequence.visibility.tolist(),
+        "visibility": _numbers(sequence.visibility),
         "attributes": list(sequence.attributes),
         "size": list(sequence.size),
         "digest": sequence.digest,
@@ -407,7 +442,7 @@ def _sequence_from_json(data: dict[str, Any]) -> Sequence:
         name=data["name"],
         frames=FrameSource.from_json(data["frames"]),
         boxes=np.array([_array(box) for box in data["boxes"]]).reshape(-1, 4),
-        visibility=np.array(data["visibility"], dtype=np.float64),
+        visibility=_array(data["visibility"]),
         attributes=tuple(data["attributes"]),
         size=(data["size"][0], data["size"][1]),
         digest=data["digest"],

@@ -11,11 +11,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from .accuracy import ATTEMPTS, TRACK, Job, hidden_paths, open_request, with_parameters
+from .accuracy import TRACK, Job, hidden_paths, open_request, with_parameters
 from .clock import Clock, UntrueTimeError
 from .process import Child, ChildError, KilledError, Limits, isolation
 from .protocols import start_box
 from .results import COMPLETED, Folder, ResultsError, SpeedRun, provenance
+from .scheduling import ATTEMPTS
 from .sequences import Sequence
 from .trackers import TrackerSpec, code_version
 

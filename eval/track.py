@@ -1,17 +1,21 @@
 """One tracker on its way through a sequence: the service that its process runs (see :mod:`eval.worker`).
 
-Requests: ``{"do": "open", "factory": "pkg.module:name", "params": {...}}``; ``{"do": "frame"}`` with an image, which
-the next two are about; ``{"do": "init", "box": [x, y, w, h]}``; ``{"do": "update"}``, whose answer is ``{"ok": true,
-"box": [x, y, w, h], "score": 0.9, "cpu_ms": 1.2, "wall_ms": 1.3}``: the times are of the call of `update` alone.
+Requests: ``{"do": "open", "factory": "pkg.module:name", "params": {...}, "seed": 0}``; ``{"do": "frame"}`` with an
+image, which the next two are about; ``{"do": "init", "box": [x, y, w, h]}``; ``{"do": "update"}``, whose answer is
+``{"ok": true, "box": [x, y, w, h], "score": 0.9, "cpu_ms": 1.2, "wall_ms": 1.3}``: the times are of the call of
+`update` alone. A process may be asked to open one tracker after another.
 """
 
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Mapping, Sequence
 from time import perf_counter, process_time
 from typing import Any
 
+import cv2
+import numpy as np
 from numpy.typing import NDArray
 
 from .worker import Arrays, resolve
@@ -59,6 +63,10 @@ class Track:
             If the tracker refuses its box, or answers something that is no box.
         """
         if content["do"] == "open":
+            # Whatever was served before: the same dice.
+            cv2.setRNGSeed(content["seed"])
+            random.seed(content["seed"])
+            np.random.seed(content["seed"])  # noqa: NPY002 - the one that trackers draw from unasked
             self._tracker = resolve(content["factory"])(**content["params"])
         elif content["do"] == "frame":
             self._frame = arrays[0]

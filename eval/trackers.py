@@ -9,8 +9,10 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatch
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -42,6 +44,10 @@ class TrackerSpec:
         Runs to average, for trackers that differ from run to run.
     sees_truth : bool, optional
         Test double: the runner hands the true boxes to the factory as `boxes`.
+    models : mapping of str to str, optional
+        Parameters that are model files, and what the names of the files look like.
+    by_default : bool, optional
+        Run when no tracker is named.
     """
 
     name: str
@@ -50,6 +56,8 @@ class TrackerSpec:
     sources: tuple[str, ...] = ()
     repeats: int = 1
     sees_truth: bool = False
+    models: Mapping[str, str] = field(default_factory=dict)
+    by_default: bool = True
 
     def __post_init__(self) -> None:
         json.dumps(dict(self.params))
@@ -71,6 +79,17 @@ def _baseline(name: str, factory: str, *helpers: str, **options: Any) -> Tracker
     return TrackerSpec(name, f"eval.baselines.{factory}", sources=sources, **options)
 
 
+def _with_models(name: str, factory: str, **models: str) -> TrackerSpec:
+    """Spec of a tracker of OpenCV that needs files."""
+    return _baseline(name, f"opencv:{factory}", models=models, by_default=False)
+
+
+def _with_flow(name: str, part: str) -> TrackerSpec:
+    """Spec of TrackerHS with another method where Horn–Schunck stands, by the surgery of :mod:`eval.ablation`."""
+    sources = ("hs_tracker_cv", "eval.ablation", "eval.flow.methods", "eval.baselines.flow_gradient")
+    return TrackerSpec(name, "eval.ablation:ablated", {"without": part}, sources, by_default=False)
+
+
 TRACKERS: dict[str, TrackerSpec] = {
     spec.name: spec
     for spec in (
@@ -85,24 +104,45 @@ TRACKERS: dict[str, TrackerSpec] = {
         _baseline("FrameDifferencing", "frame_differencing:FrameDifferencing", "regions"),
         _baseline("BackgroundModel", "background_model:BackgroundModel", "regions"),
         _baseline("Static", "known:Static"),
-        _baseline("Oracle", "known:Oracle", sees_truth=True),
+        _baseline("Oracle", "known:Oracle", sees_truth=True, by_default=False),
+        _with_models("TrackerNano", "nano", backbone="*backbone*.onnx", neckhead="*head*.onnx"),
+        _with_models("TrackerVit", "vit", net="*vit*track*.onnx"),
+        _with_models("TrackerVit-normalised", "vit_normalised", net="*vit*track*.onnx"),
+        _with_models(
+            "DaSiamRPN",
+            "dasiamrpn",
+            model="*dasiamrpn_model*.onnx",
+            kernel_cls1="*dasiamrpn_kernel_cls1*.onnx",
+            kernel_r1="*dasiamrpn_kernel_r1*.onnx",
+        ),
+        _with_flow("TrackerHS+DIS", "flow-dis"),
+        _with_flow("TrackerHS+Farneback", "flow-farneback"),
+        _with_flow("TrackerHS+TV-L1", "flow-tvl1"),
+        _with_flow("TrackerHS+LucasKanade", "flow-lucas-kanade"),
     )
 }
 
-DEFAULT_TRACKERS: tuple[str, ...] = tuple(name for name, spec in TRACKERS.items() if not spec.sees_truth)
+DEFAULT_TRACKERS: tuple[str, ...] = tuple(name for name, spec in TRACKERS.items() if spec.by_default)
 """What is run when no tracker is named."""
 
 
-def find_tracker(name: str) -> TrackerSpec:
+def find_tracker(name: str, models: Path | None = None) -> TrackerSpec:
     """Look a tracker up by name, or take ``pkg.module:factory``.
+
+    Parameters
+    ----------
+    name : str
+    models : Path, optional
+        Folder of the model files that some trackers need.
 
     Raises
     ------
     ValueError
-        If the name is neither; the message lists the known ones.
+        If the name is neither, and the message lists the known ones; or if a model file is missing.
     """
     if name in TRACKERS:
-        return TRACKERS[name]
+        spec = TRACKERS[name]
+        return replace(spec, params={**spec.params, **_model_files(spec, models)}) if spec.models else spec
     module, _, attribute = name.partition(":")
     if module and attribute:
         if _find_spec(module) is None:
@@ -111,15 +151,39 @@ def find_tracker(name: str) -> TrackerSpec:
     raise ValueError(f"unknown tracker {name!r}; known: {', '.join(TRACKERS)}, or any pkg.module:factory")
 
 
+def _model_files(spec: TrackerSpec, folder: Path | None) -> dict[str, str]:
+    if folder is None:
+        raise ValueError(f"{spec.name} needs model files: --models DIR with {', '.join(spec.models.values())}")
+    return {parameter: str(_model_file(spec.name, folder, pattern)) for parameter, pattern in spec.models.items()}
+
+
+def _model_file(tracker: str, folder: Path, pattern: str) -> Path:
+    found = sorted(path for path in folder.glob("*") if fnmatch(path.name.lower(), pattern))
+    if len(found) != 1:
+        names = ", ".join(path.name for path in found) or "none"
+        raise ValueError(f"{tracker}: expected one file like {pattern} in {folder}, found {names}")
+    return found[0].resolve()
+
+
+def _without_places(params: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters in which files are what is in them, wherever they lie."""
+    return {
+        name: hashlib.sha256(Path(value).read_bytes()).hexdigest()
+        if isinstance(value, str) and os.path.isabs(value) and os.path.isfile(value)
+        else value
+        for name, value in params.items()
+    }
+
+
 def code_version(spec: TrackerSpec) -> str:
     """Hash of what a tracker's answers depend on besides the frames.
 
-    That is factory, parameters, its sources and compiled extensions, what runs it in its process, and the versions
-    of the libraries that the trackers here are made of.
+    That is factory, parameters (of files their bytes), its sources and compiled extensions, what runs it in its
+    process, and the versions of the libraries that the trackers here are made of.
     """
     digest = hashlib.sha256()
     versions = (str(cv2.__version__), *map(_version, _LIBRARIES))
-    for part in (spec.factory, json.dumps(dict(spec.params), sort_keys=True), *versions):
+    for part in (spec.factory, json.dumps(_without_places(spec.params), sort_keys=True), *versions):
         digest.update(part.encode() + b"\0")
     for source in (*spec.sources, *_RUNNERS):
         for path in source_files(source):

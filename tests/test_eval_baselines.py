@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -16,6 +17,8 @@ from eval.baselines.opencv import KCF, PrimedKCF
 from eval.baselines.regions import noise_threshold
 from eval.baselines.template_matching import TemplateMatching
 from eval.metrics import iou_per_frame
+from eval.trackers import DEFAULT_TRACKERS, code_version, find_tracker
+from eval.worker import resolve
 
 SIZE = (200, 150)
 Frames = list[NDArray[np.uint8]]
@@ -152,3 +155,91 @@ def test_kcf_is_blind_in_its_first_update_unless_it_is_primed(rng: np.random.Gen
             found.append(ok and max(abs(a - b) for a, b in zip(box[:2], truth[:2], strict=True)) <= 2.0)
     assert all(right[PrimedKCF])
     assert not any(right[KCF])
+
+
+MODELS = ("net_backbone.onnx", "net_head.onnx", "object_tracking_vitTrack.onnx")
+
+
+@pytest.fixture
+def models(tmp_path: Path) -> Path:
+    """A folder of files that are named as models are."""
+    for name in (*MODELS, *(f"dasiamrpn_{part}.onnx" for part in ("model", "kernel_cls1", "kernel_r1"))):
+        (tmp_path / name).write_bytes(name.encode())
+    return tmp_path
+
+
+def test_trackers_with_models_find_their_files(models: Path) -> None:
+    """By the ends of their names; what is missing or doubtful is said."""
+    assert find_tracker("TrackerNano", models).params == {
+        "backbone": str(models / "net_backbone.onnx"),
+        "neckhead": str(models / "net_head.onnx"),
+    }
+    assert find_tracker("TrackerVit", models).params == {"net": str(models / MODELS[2])}
+    assert sorted(find_tracker("DaSiamRPN", models).params) == ["kernel_cls1", "kernel_r1", "model"]
+    with pytest.raises(ValueError, match=r"TrackerVit needs model files: --models DIR with \*vit\*track\*\.onnx"):
+        find_tracker("TrackerVit")
+    (models / "v2_head.onnx").touch()
+    with pytest.raises(
+        ValueError, match=r"expected one file like \*head\*\.onnx .* found net_head.onnx, v2_head.onnx"
+    ):
+        find_tracker("TrackerNano", models)
+    (models / MODELS[0]).unlink()
+    with pytest.raises(ValueError, match=r"expected one file like \*backbone\*\.onnx in .*, found none"):
+        find_tracker("TrackerNano", models)
+
+
+def test_a_model_counts_by_its_bytes_and_not_by_its_place(
+    models: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """The same file elsewhere gives the same results, another one of the same name does not."""
+    before = code_version(find_tracker("TrackerNano", models))
+    other = tmp_path_factory.mktemp("elsewhere")
+    for name in MODELS:
+        (other / name).write_bytes((models / name).read_bytes())
+    assert code_version(find_tracker("TrackerNano", other)) == before
+    (other / MODELS[0]).write_bytes(b"trained anew")
+    assert code_version(find_tracker("TrackerNano", other)) != before
+
+
+def test_trackers_with_models_are_made_of_them(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenCV gets the files; TrackerVit as it is shipped, and with the deviations of its training."""
+    made: dict[str, Any] = {}
+    for name in ("Nano", "Vit", "DaSiamRPN"):
+        monkeypatch.setattr(cv2, f"Tracker{name}_create", lambda given, name=name: made.__setitem__(name, given))
+    shipped = cv2.TrackerVit_Params().stdvalue
+    for name, deviations in (("TrackerVit", shipped), ("TrackerVit-normalised", (0.07433, -0.07598, -0.07565, 0.0))):
+        spec = find_tracker(name, models)
+        resolve(spec.factory)(**spec.params)
+        assert made["Vit"].net == str(models / MODELS[2])
+        assert made["Vit"].stdvalue == pytest.approx(deviations)
+    for name in ("TrackerNano", "DaSiamRPN"):
+        spec = find_tracker(name, models)
+        resolve(spec.factory)(**spec.params)
+        given = made[name.removeprefix("Tracker")]
+        assert {parameter: getattr(given, parameter) for parameter in spec.params} == dict(spec.params)
+
+
+def test_none_of_them_is_a_default() -> None:
+    """Nor is TrackerHS with another flow."""
+    assert not set(DEFAULT_TRACKERS) & {"Oracle", "TrackerNano", "TrackerVit", "DaSiamRPN", "TrackerHS+DIS"}
+    assert "CSRT" in DEFAULT_TRACKERS
+
+
+@pytest.mark.real
+def test_tracker_nano_follows_a_square(real: Path, rng: np.random.Generator) -> None:
+    """With the files of ../shared/models, where they are."""
+    try:
+        spec = find_tracker("TrackerNano", real.parent / "models")
+    except ValueError as error:
+        pytest.skip(str(error))
+    tracker = resolve(spec.factory)(**spec.params)
+    scene = cv2.GaussianBlur(rng.uniform(0, 255, (240, 320, 3)).astype(np.uint8), (0, 0), 3)
+    square = rng.uniform(0, 255, (40, 40, 3)).astype(np.uint8)
+    for step in range(10):
+        frame = scene.copy()
+        frame[100:140, 100 + 3 * step : 140 + 3 * step] = square
+        if step == 0:
+            tracker.init(frame, (100, 100, 40, 40))
+        else:
+            _, box = tracker.update(frame)
+    assert abs(box[0] + box[2] / 2 - 147) < 8

@@ -1,4 +1,4 @@
-"""Trackers of OpenCV, as it ships them, and KCF at its best."""
+"""Trackers of OpenCV, as it ships them; KCF and TrackerVit also as good versions of themselves."""
 
 from __future__ import annotations
 
@@ -7,7 +7,13 @@ from typing import Any
 import cv2
 from numpy.typing import NDArray
 
-__all__ = ["KCF", "PrimedKCF", "csrt", "median_flow", "mil", "mosse"]
+__all__ = [
+    "KCF", "VIT_DEVIATIONS", "PrimedKCF", "csrt", "dasiamrpn", "median_flow", "mil", "mosse", "nano", "vit",
+    "vit_normalised",
+]  # fmt: skip
+
+VIT_DEVIATIONS = (0.07433, -0.07598, -0.07565, 0.0)
+"""`stdvalue` of TrackerVit with which its input is normalised as in its training."""
 
 _cv2: Any = cv2  # its stubs leave out the contrib modules
 
@@ -30,6 +36,38 @@ def mosse() -> Any:
 def median_flow() -> Any:
     """MedianFlow of ``cv2.legacy``."""
     return _cv2.legacy.TrackerMedianFlow_create()
+
+
+def nano(backbone: str, neckhead: str) -> Any:
+    """TrackerNano as OpenCV ships it, with its two networks."""
+    parameters = _cv2.TrackerNano_Params()
+    parameters.backbone, parameters.neckhead = backbone, neckhead
+    return _cv2.TrackerNano_create(parameters)
+
+
+def vit(net: str) -> Any:
+    """TrackerVit as OpenCV ships it."""
+    parameters = _cv2.TrackerVit_Params()
+    parameters.net = net
+    return _cv2.TrackerVit_create(parameters)
+
+
+def vit_normalised(net: str) -> Any:
+    """TrackerVit with the colours that its network was trained on.
+
+    OpenCV 4.13 and 5.0 divide two of three channels by another deviation than they were trained with; these values
+    of `stdvalue` undo that.
+    """
+    parameters = _cv2.TrackerVit_Params()
+    parameters.net, parameters.stdvalue = net, VIT_DEVIATIONS
+    return _cv2.TrackerVit_create(parameters)
+
+
+def dasiamrpn(model: str, kernel_cls1: str, kernel_r1: str) -> Any:
+    """DaSiamRPN as OpenCV ships it, with its three networks."""
+    parameters = _cv2.TrackerDaSiamRPN_Params()
+    parameters.model, parameters.kernel_cls1, parameters.kernel_r1 = model, kernel_cls1, kernel_r1
+    return _cv2.TrackerDaSiamRPN_create(parameters)
 
 
 class KCF:
