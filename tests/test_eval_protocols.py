@@ -86,11 +86,8 @@ class Inside:
     def __init__(self, service: str, limits: Any, **options: Any) -> None:
         self._service = Track()
 
-    def __enter__(self) -> Inside:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        pass
+    def close(self) -> None:
+        """Nothing to end."""
 
     def ask(self, content: dict[str, Any], arrays: Any = (), *, seconds: float) -> Answer:
         """Answer, or fail, as a child does."""
