@@ -70,9 +70,6 @@ STATE_VERSION = 4
 PATIENCE = 60
 """Frames of another scene after which the object is looked for there, too: the camera may have been moved."""
 
-AGREED = 0.7
-"""Agreement of both boxes from which the carried one learns while segmentation leads."""
-
 CERTAINLY = 0.95
 """Chance from which the carried box is believed in a frame that seems to be of another scene: in cuts between real
 sequences .9 was too little (4 % of the answers True), .97 gave what .95 gives."""
@@ -538,8 +535,6 @@ def _look(
             choice = choice.asked(asked.report.score, agreement(segmented.report.box, asked.report.box))
             if choice.contradicted:
                 return segmented, asked, choice.carried_away
-            if choice.agreement > AGREED and not segmented.report.occluded and segmented.report.score > SURELY:
-                carried = asked  # it keeps up with how the object looks
         return segmented, propagation.ride(carried, segmented.report.box), choice
     return _search(track, segmented, carried, frame, seen)
 

@@ -39,7 +39,7 @@ _MIN_SIDE = 6.0
 _CLEARLY = 0.1
 _RIDE_RATE = 0.03
 _MAX_TURN = 0.15
-_LEAST_TURN = 0.01  # rad per frame: less is within the error of its measurement
+_LEAST_TURN = 0.025  # rad per frame: less is within the error of its measurement, and within what the finder bears
 _ZOOMS = (0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.7)
 _GOOD, _UNSURE, _WEAK, _BAD = "good", "unsure", "weak", "bad"
 
