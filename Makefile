@@ -50,7 +50,7 @@ lint: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/codespell
-	$(BIN)/clang-format --dry-run -Werror hs_tracker_cv/_native/*.[ch]pp
+	$(BIN)/clang-format --dry-run -Werror hs_tracker_cv/_native/*.[ch]pp hs_tracker_cv/_native/*/*.[ch]pp
 	$(BIN)/mypy
 
 # The site, into build/site, and the notebooks with their outputs, into build/notebooks.

@@ -54,8 +54,6 @@ PATIENCE = 5.0
 GRACE = 60.0
 """Seconds that a batch may take besides, to start."""
 
-KERNELS = ["hs_tracker_cv.layers.kernels"]
-
 
 @dataclass(frozen=True)
 class Fuzzed:
@@ -150,8 +148,7 @@ def guided(name: str, options: Sequence[str]) -> None:
         sys.exit("benchmarks.fuzz --guided needs atheris (pip install atheris)")
     import atheris
 
-    # Numba cannot compile instrumented functions.
-    with atheris.instrument_imports(include=["hs_tracker_cv"], exclude=KERNELS):
+    with atheris.instrument_imports(include=["hs_tracker_cv"]):
         import hs_tracker_cv.tracker  # noqa: F401
     warnings.simplefilter("error")
     atheris.Setup([sys.argv[0], f"-artifact_prefix={tempfile.gettempdir()}/", *options], guided_target(name))

@@ -19,7 +19,7 @@ from typing import Any
 
 import cv2
 
-_LIBRARIES = ("numpy", "numba", "llvmlite", "scikit-image", "scipy")
+_LIBRARIES = ("numpy", "scikit-image", "scipy")
 _RUNNERS = ("eval.track", "eval.worker")  # the process of a tracker is theirs
 _CODE = {".py", ".so", ".pyd", ".dylib"}
 

@@ -46,8 +46,8 @@ def test_pages_take_nothing_from_the_command_line() -> None:
 
 
 def test_importing_the_library_imports_no_compiler() -> None:
-    """`import hs_tracker_cv` stays cheap: no numba, scikit-image or page until they are used."""
-    heavy = "'numba', 'skimage', 'nicegui', 'scipy', 'matplotlib'"
+    """`import hs_tracker_cv` stays cheap: no scikit-image or page until they are used."""
+    heavy = "'skimage', 'nicegui', 'scipy', 'matplotlib'"
     code = f"import hs_tracker_cv, sys; print([m for m in ({heavy}) if m in sys.modules])"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert answer.stdout.strip() == "[]"

@@ -6,8 +6,6 @@ import copy
 import itertools
 import math
 import pickle
-import subprocess
-import sys
 import threading
 from typing import Any, Literal, get_args, get_type_hints
 
@@ -556,12 +554,3 @@ def test_unlike_frames_are_refused(derivative):
         derivatives(small, small, "sobel")
     with pytest.raises(InputError, match="NoneType"):
         HornSchunck("fast").calc(None, small)
-
-
-def test_no_compiler_is_loaded():
-    """The flow needs no Numba, not even at its first use."""
-    code = (
-        "import sys, numpy as np, hs_tracker_cv.flow as f; a = np.eye(20, dtype='f4'); f.HornSchunck().calc(a, a);"
-        "assert not {'numba', 'llvmlite', 'scipy'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)

@@ -14,9 +14,9 @@ import pytest
 from numpy.typing import NDArray
 
 from hs_tracker_cv import layers
+from hs_tracker_cv._native.kernels import layers as kernels
 from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
-from hs_tracker_cv.layers import kernels
 from hs_tracker_cv.layers.window import grab, shifted, transformed, translated
 
 PARAMS = layers.LayersParams()
@@ -483,7 +483,7 @@ def test_registration_finds_a_motion_and_a_gain(motion: tuple[float, float], gai
     reference, image = wave(60, 70), gain * wave(60, 70, *motion)
     weight = np.zeros((60, 70), np.float32)
     weight[12:48, 14:56] = 1.0
-    grid, inside, points = np.array((35.0, 30.0, 20.0)), np.array((0, 0, 70, 60)), np.empty((14, 2000), np.float32)
+    grid, inside, points = (35.0, 30.0, 20.0, 1.0), np.array((0, 0, 70, 60)), np.empty((14, 2000), np.float32)
     count = kernels.collect(reference, weight, grid, 3, points)
     assert count == weight.sum() / 3
     theta, costs, pixels = np.zeros(8), np.empty(2), np.asarray(image, np.float32)
@@ -501,7 +501,7 @@ def test_registration_finds_a_motion_and_a_gain(motion: tuple[float, float], gai
 def test_registration_says_when_the_layer_is_out_of_the_frame() -> None:
     """A motion that takes three quarters of the layer out of the frame costs more than any other."""
     image, points, inside = wave(40, 40), np.empty((14, 2000), np.float32), np.array((0, 0, 40, 40))
-    count = kernels.collect(image, np.ones((40, 40), np.float32), np.array((20.0, 20.0, 20.0)), 1, points)
+    count = kernels.collect(image, np.ones((40, 40), np.float32), (20.0, 20.0, 20.0, 1.0), 1, points)
     theta = np.array((35.0, 0, 0, 0, 0, 0, 0, 0))
     assert kernels.residual(image, points, count, theta, 40.0, inside) == 1e9
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv.layers import colour, kernels
+from hs_tracker_cv._native.kernels import layers as kernels
+from hs_tracker_cv.layers import colour
 
 Mask = NDArray[np.uint8]
 H, W = 48, 64
@@ -33,7 +34,7 @@ def test_widening_is_dilation_by_a_square(reach: int) -> None:
     """Whatever lies beyond the border is ignored."""
     for mask in random_masks():
         out = np.empty_like(mask)
-        kernels.widen(mask, reach, np.empty_like(mask), out)
+        kernels.widen(mask, reach, out)
         wanted = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
         np.testing.assert_array_equal(out, wanted)
 
@@ -52,7 +53,7 @@ def test_widening_what_is_outside_is_erosion(reach: int) -> None:
     for mask in random_masks():
         outside, wide, out = np.empty_like(mask), np.empty_like(mask), np.empty_like(mask)
         kernels.invert(mask, outside)
-        kernels.widen(outside, reach, np.empty_like(mask), wide)
+        kernels.widen(outside, reach, wide)
         assert kernels.invert(wide, out) == np.count_nonzero(out)
         np.testing.assert_array_equal(out, cv2.erode(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
 
@@ -61,7 +62,7 @@ def test_median_is_that_of_three_by_three_pixels() -> None:
     """The border is repeated."""
     for mask in random_masks():
         out = np.empty_like(mask)
-        kernels.median(mask, np.empty_like(mask), out)
+        kernels.median(mask, out)
         np.testing.assert_array_equal(out, cv2.medianBlur(mask, 3))
 
 
@@ -81,7 +82,7 @@ def test_spreading_is_dilation_within_bounds() -> None:
     allowed = (rng.uniform(size=(30, 37)) < 0.6).astype(np.uint8)
     seed = (rng.uniform(size=(30, 37)) < 0.02).astype(np.uint8)
     grown, wanted = seed.copy(), seed.copy()
-    kernels.spread(allowed, 4, np.empty_like(seed), grown)
+    kernels.spread(allowed, 4, grown)
     for _ in range(4):
         wanted = np.asarray(cv2.dilate(wanted, np.ones((3, 3), np.uint8))) & (allowed | seed)
     np.testing.assert_array_equal(grown, wanted)
@@ -94,7 +95,7 @@ def test_components_are_those_of_eight_neighbours() -> None:
     for mask in random_masks():
         h, w = mask.shape
         other = (rng.uniform(size=(h, w)) < 0.3).astype(np.uint8)
-        runs = np.empty((h * (w // 2 + 1), 6), np.int32)
+        runs = np.empty((h * ((w + 1) // 2), 6), np.int32)
         n, found = kernels.components(mask, other, runs)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
         assert found == count - 1
@@ -126,7 +127,7 @@ def test_a_comb_is_one_component() -> None:
         if length <= 0:
             break
     for mask in (comb, spiral):
-        runs = np.empty((mask.size, 6), np.int32)
+        runs = np.empty((mask.shape[0] * ((mask.shape[1] + 1) // 2), 6), np.int32)
         n, found = kernels.components(mask, mask, runs)
         assert n > 20
         assert found == 1
@@ -143,9 +144,6 @@ class Labelled(NamedTuple):
     bins: NDArray[np.int16]
 
 
-NONE = np.empty((0, 0), np.uint8)
-
-
 def labelled(expected: Mask, evidence: NDArray[np.float32], **changes: Any) -> Labelled:
     """Label a frame in which the object was expected in a mask; gray, of one colour, unless said otherwise."""
     given: dict[str, Any] = {
@@ -154,8 +152,8 @@ def labelled(expected: Mask, evidence: NDArray[np.float32], **changes: Any) -> L
         "counts": np.full((3, H, W), 9.0, np.float32),
         "warped": np.where(expected != 0, 1.0, -3.0).astype(np.float32),
         "fresh": np.zeros((H, W), np.uint8),
-        "before": NONE,
-        "hiding": NONE,
+        "before": None,
+        "hiding": None,
         "emerging": False,
         "colours": np.full((2, colour.BINS), 1 / colour.BINS, np.float32),
         "weight": 0.0,
@@ -171,8 +169,7 @@ def labelled(expected: Mask, evidence: NDArray[np.float32], **changes: Any) -> L
         given["image"], given["background"], given["counts"], given["warped"], expected,
         (expected != 0).astype(np.float32), errors, given["fresh"], given["before"], given["hiding"],
         given["emerging"], given["colours"], given["weight"], 2.0, given["growth"], given["young"], given["left"],
-        np.array((0, 0, W, H)), np.empty((5, H, W), np.uint8), np.empty((H * (W // 2 + 1), 6), np.int32),
-        np.empty((3, colour.BINS), np.float32), bins, raw, odds, mask, foreign,
+        np.array((0, 0, W, H)), bins, raw, odds, mask, foreign,
     )  # fmt: skip
     return Labelled(answer, mask, odds, raw, foreign, bins)
 
@@ -389,7 +386,9 @@ class Learned(NamedTuple):
     colours: NDArray[np.float32]
 
 
-def learned(mask: Mask, own: Mask, foreign: Mask, image: NDArray[np.float32], bins: NDArray[np.int16]) -> Learned:
+def learned(
+    mask: Mask, own: Mask, foreign: Mask | None, image: NDArray[np.float32], bins: NDArray[np.int16]
+) -> Learned:
     """Learn from a frame on a known background of 100, the object expected in `own` and found in `mask`."""
     odds = np.where(mask != 0, 2.0, -2.0).astype(np.float32)
     zero, obj = np.zeros((H, W), np.float32), np.zeros((H, W, 3), np.float32)
@@ -400,7 +399,7 @@ def learned(mask: Mask, own: Mask, foreign: Mask, image: NDArray[np.float32], bi
     answer = kernels.learn(
         image, image, mask, own, foreign, odds, odds, odds, obj, zero, errors, bins, ground, counts,
         np.array((0, 0, W, H)), np.array((4, 2, W - 2, H - 6)), 0.1, False, False, colours, 0.1,
-        np.empty((3, H, W), np.uint8), np.empty_like(colours), np.empty(2000, np.float32), *outs,
+        *outs,
     )  # fmt: skip
     return Learned(answer, outs[3], outs[5])
 
@@ -411,7 +410,7 @@ def test_ground_is_learned_outside_the_object_and_its_surroundings() -> None:
     image = np.full((H, W, 3), 102.0, np.float32)
     near = cv2.dilate(mask | own, np.ones((5, 5), np.uint8))
     inside = rectangle(4, 2, W - 2, H - 6)
-    found = learned(mask, own, NONE, image, np.zeros((H, W), np.int16))
+    found = learned(mask, own, None, image, np.zeros((H, W), np.int16))
     np.testing.assert_array_equal(found.ground[:, :, 0] != 100.0, (near == 0) & (inside == 1))
     assert found.answer[:2] == (np.count_nonzero((near == 0) & (inside == 1)), 0)
     assert found.answer[2] == pytest.approx(2.0)
@@ -426,14 +425,14 @@ def test_a_distractor_is_no_noise() -> None:
     _, strange, spread = learned(OBJECT, OBJECT, other, *arguments).answer
     assert strange == np.count_nonzero(other & (1 - cv2.dilate(OBJECT, np.ones((5, 5), np.uint8))))
     assert spread == pytest.approx(2.0)
-    assert learned(OBJECT, OBJECT, NONE, *arguments).answer[2] == pytest.approx(80.0)
+    assert learned(OBJECT, OBJECT, None, *arguments).answer[2] == pytest.approx(80.0)
 
 
 def test_colours_are_learned_of_object_and_ground() -> None:
     """Sure pixels of the mask count for the object, what is outside its surroundings for the ground."""
     bins = np.where(OBJECT != 0, 7, 300).astype(np.int16)
     bins[cv2.dilate(OBJECT, np.ones((5, 5), np.uint8)) > OBJECT] = 500
-    found = learned(OBJECT, OBJECT, NONE, np.full((H, W, 3), 100.0, np.float32), bins)
+    found = learned(OBJECT, OBJECT, None, np.full((H, W, 3), 100.0, np.float32), bins)
     for which, bin_seen in enumerate((7, 300)):
         counts = np.zeros(colour.BINS)
         counts[bin_seen] = 1.0
@@ -451,16 +450,13 @@ def test_explaining_is_moving_and_weighing(everywhere: bool) -> None:
     inverse, part = np.array((1.02, 0.01, -3.3, -0.02, 0.98, 2.6)), np.array((5, 0, W - 4, H - 7))
     inside = np.array((3, 4, W, H - 2))
     knobs = np.array((0.02, 0.12, 1.8, 0.9, 0.0, 2.5, 0.35, 2.5, 0.6, 1.7), np.float32)
-    rows = np.empty((27, W + 4), np.float32)
     kinds = [(previous, np.float32), (obj, np.float32), (odds, np.float32), (shape, np.float32), (odds, np.uint8)]
     one, two = ([np.empty(like.shape, kind) for like, kind in kinds] for _ in range(2))
     errors, fresh = np.empty((2, 4, H, W), np.float32), np.empty((2, H, W), np.uint8)
     kernels.carry(previous, obj, odds, shape, counts, inverse, part, everywhere, *one)
-    wanted = kernels.evidence(
-        image, background, moved, *one[:3], counts, part, inside, knobs, rows, errors[0], fresh[0]
-    )
-    found = kernels.explain(
-        previous, obj, odds, shape, inverse, everywhere, image, background, moved, counts, part, inside, knobs, rows,
+    wanted = kernels.evidence(image, background, moved, *one[:3], counts, part, inside, knobs, errors[0], fresh[0])
+    found = kernels.warp_and_score(
+        previous, obj, odds, shape, inverse, everywhere, image, background, moved, counts, part, inside, knobs,
         *two, errors[1], fresh[1],
     )  # fmt: skip
     assert found == wanted

@@ -3,6 +3,7 @@
 
 #include "finder.hpp"
 #include "grids.hpp"
+#include "layers/kernels.hpp"
 #include "motion_fit.hpp"
 #include "patches.hpp"
 #include "persistence.hpp"
@@ -25,6 +26,7 @@ struct Level {
     const PatchKernels &patches;
     const MotionFitKernels &motion_fit;
     const PersistenceKernels &persistence;
+    const LayerKernels &layers;
 };
 
 // Names of those that this processor can run, the most capable last.

@@ -39,6 +39,7 @@ template <class T> constexpr const char *type_of();
 template <> constexpr const char *type_of<float>() { return "float32"; }
 template <> constexpr const char *type_of<double>() { return "float64"; }
 template <> constexpr const char *type_of<std::uint8_t>() { return "uint8"; }
+template <> constexpr const char *type_of<std::int16_t>() { return "int16"; }
 template <> constexpr const char *type_of<std::int32_t>() { return "int32"; }
 template <> constexpr const char *type_of<std::int64_t>() { return "int64"; }
 
@@ -46,6 +47,10 @@ template <class T, int Dimensions> class Array : public Buffer {
   public:
     Array(nanobind::handle object, const char *name)
         : Buffer(object, name, type_of<std::remove_const_t<T>>(), Dimensions, !std::is_const_v<T>) {}
+    // Of these sizes; -1 allows any.
+    Array(nanobind::handle object, const char *name, std::initializer_list<Py_ssize_t> sizes) : Array(object, name) {
+        expect(sizes);
+    }
     T *data() const { return static_cast<T *>(Buffer::data()); }
 };
 

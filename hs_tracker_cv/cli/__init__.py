@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import platform
 import sys
-import time
 from collections.abc import Sequence
 
 import cv2
@@ -51,22 +50,9 @@ def _command(arguments: list[str]) -> int:
         parts = f"OpenCV {cv2.__version__}, NumPy {np.__version__}, Python {platform.python_version()}"
         print(f"{PROGRAM} {__version__} ({parts})")
         return 0
-    if arguments[:1] == ["warmup"]:
-        return _warmup()
     if arguments[:1] == ["app"]:
         from ..app import serve
 
         page = parsed(AppOptions, arguments[1:], f"{PROGRAM} app")
         return serve(page.video, models=page.models, port=page.port, show=not page.no_show)
     return follow(parsed(Options, arguments))
-
-
-def _warmup() -> int:
-    """Compile and cache every kernel, so that the first real video starts at once."""
-    from .. import tracker  # noqa: F401  # and with it all modules that have kernels
-    from ..compiling import prepare_all
-
-    started = time.perf_counter()
-    prepare_all()
-    print(f"{PROGRAM}: kernels ready after {time.perf_counter() - started:.1f} s")
-    return 0

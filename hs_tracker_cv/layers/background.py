@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import move_ground
+from .._native.kernels.layers import move_ground
 from .state import Atlas, Image, Plane
 
 __all__ = ["Background", "Registered", "move", "place"]
@@ -21,7 +21,7 @@ class Background(NamedTuple):
 
 
 class Registered(NamedTuple):
-    """Where the atlas lies in this frame (lattice px), and how much brighter it is, by `kernels.measure`."""
+    """Where the atlas lies in this frame (lattice px), and how much brighter it is, by `measure_motion`."""
 
     offset: tuple[float, float]
     gain: float
@@ -51,6 +51,5 @@ def move(atlas: Atlas, dx: int, dy: int, image: Image, odds: Plane, gain: float 
         return atlas
     h, w = odds.shape
     picture, counts = np.empty((h, w, 3), np.float32), np.empty((3, h, w), np.float32)
-    rows = atlas.image.reshape(atlas.image.shape[0], -1)
-    move_ground(dx, dy, gain, rows, atlas.counts, image.reshape(h, -1), odds, picture.reshape(h, -1), counts)
+    move_ground(dx, dy, gain, atlas.image, atlas.counts, image, odds, picture, counts)
     return Atlas(picture, counts, atlas.offset)

@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import blend
+from .._native.kernels.layers import BINS, blend
 
 __all__ = ["BINS", "histograms"]
-
-BINS = 512
-"""8 × 8 × 8 bins of BGR."""
 
 
 def histograms(tally: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._native.kernels.layers import evidence, label, warp_and_score
 from ..geometry import Box
-from . import colour, motion
 from . import mask as masks
-from .kernels import evidence, explain, label
+from . import motion
 from .state import Image, LayersParams, LayersState, Plane
 from .window import View, shifted, shifted_mask, translated
 
@@ -64,7 +64,7 @@ class Expected(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """Planes (4, h, w) of `kernels.evidence`, where something is new, and how much of the object looks as it did."""
+    """Planes (4, h, w) of `evidence`, where something is new, and how much of the object looks as it did."""
 
     errors: NDArray[np.float32]
     fresh: masks.Mask
@@ -112,11 +112,11 @@ def expect(state: LayersState, view: View, moves: motion.Moves) -> tuple[Expecte
         part=_whole(h, w) if everywhere else _reach(moves, h, w),
     )
     errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
-    alike = explain(
+    alike = warp_and_score(
         state.previous, state.obj, state.odds, state.shape, motion.inverse_matrix(moves.theta, moves.grid),
         everywhere, view.image, expected.background, expected.moved, _counts(moves), expected.part, view.inside,
-        _knobs(state, view, moves), np.empty((27, w + 4), np.float32), expected.carried, expected.obj, expected.odds,
-        expected.shape, expected.own, errors, fresh,
+        _likelihood(state, view, moves), expected.carried, expected.obj, expected.odds, expected.shape, expected.own,
+        errors, fresh,
     )  # fmt: skip
     return expected, Evidence(errors, fresh, alike)
 
@@ -147,7 +147,7 @@ def expect_nothing(state: LayersState, view: View, moves: motion.Moves, odds: Pl
 
 
 def _whole(h: int, w: int) -> NDArray[np.int64]:
-    return np.array((0, 0, w, h))
+    return np.array((0, 0, w, h), np.int64)
 
 
 def _reach(moves: motion.Moves, h: int, w: int) -> NDArray[np.int64]:
@@ -155,7 +155,7 @@ def _reach(moves: motion.Moves, h: int, w: int) -> NDArray[np.int64]:
     x0, y0, x1, y1 = motion.where_to(moves.extent, moves.theta, moves.grid)
     x0, x1 = min(max(int(x0) - _ROOM, 0), w), min(max(int(x1) + _ROOM + 1, 0), w)
     y0, y1 = min(max(int(y0) - _ROOM, 0), h), min(max(int(y1) + _ROOM + 1, 0), h)
-    return np.array((x0, y0, max(x0, x1), max(y0, y1)))
+    return np.array((x0, y0, max(x0, x1), max(y0, y1)), np.int64)
 
 
 def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
@@ -173,13 +173,12 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
 
 
 def weigh(state: LayersState, view: View, expected: Expected, moves: motion.Moves) -> Evidence:
-    """Evidence per pixel; see `kernels.evidence`."""
+    """Evidence per pixel; see `evidence`."""
     h, w = view.gray.shape
     errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
     alike = evidence(
         view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
-        _counts(moves), expected.part, view.inside, _knobs(state, view, moves), np.empty((27, w + 4), np.float32),
-        errors, fresh,
+        _counts(moves), expected.part, view.inside, _likelihood(state, view, moves), errors, fresh,
     )  # fmt: skip
     return Evidence(errors, fresh, alike)
 
@@ -189,7 +188,8 @@ def _counts(moves: motion.Moves) -> NDArray[np.float32]:
     return moves.atlas.counts
 
 
-def _knobs(state: LayersState, view: View, moves: motion.Moves) -> NDArray[np.float32]:
+def _likelihood(state: LayersState, view: View, moves: motion.Moves) -> NDArray[np.float32]:
+    """Numbers of the likelihoods, as `evidence` wants them."""
     tau = _TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else _TAU_FRACTION
     kappa = _KAPPA_COLOUR if view.colour else 1.0
     occluded = float(state.occlusion.occluded)
@@ -217,15 +217,13 @@ def assign(
     h, w = view.gray.shape
     mask, foreign = np.empty((h, w), np.uint8), np.empty((h, w), np.uint8)
     raw, odds, bins = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w), np.int16)
-    spare, runs = np.empty((5, h, w), np.uint8), np.empty((h * (w // 2 + 1), 6), np.int32)
-    lines = np.empty((3, max(h, w, colour.BINS)), np.float32)
     # what comes out from behind something may be the object itself
     emerging = bool(state.occlusion.occluded or state.occlusion.coasting)
     others, area, both, visible, *edges = label(
         view.image, expected.background, moves.atlas.counts, expected.odds, expected.own, expected.shape, seen.errors,
-        seen.fresh, masks.for_kernel(state.distractor), masks.for_kernel(hiding), emerging, state.colours,
-        params.colour_weight, state.noise, _STEPS.growth, state.count <= 2, _STEPS.left, view.inside, spare, runs,
-        lines, bins, raw, odds, mask, foreign,
+        seen.fresh, state.distractor, hiding, emerging, state.colours,
+        params.colour_weight, state.noise, _STEPS.growth, state.count <= 2, _STEPS.left, view.inside, bins,
+        raw, odds, mask, foreign,
     )  # fmt: skip
     box = Box.from_edges(*edges) if edges[0] < edges[2] else None
     return Labels(mask, odds, raw, seen.errors, foreign if others else None, bins), Sight(area, both, visible, box)

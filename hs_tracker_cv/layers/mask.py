@@ -10,18 +10,12 @@ from ..geometry import Box
 from .state import Image
 from .window import transformed
 
-__all__ = ["Mask", "follow_distractor", "for_kernel", "outer_box"]
+__all__ = ["Mask", "follow_distractor", "outer_box"]
 
 Mask = NDArray[np.uint8]
 
-_NONE: Mask = np.empty((0, 0), np.uint8)
 _SMALLEST_DISTRACTOR = 20  # px; less has no flow of its own
 _SQUARE = np.ones((3, 3), np.uint8)
-
-
-def for_kernel(mask: Mask | None) -> Mask:
-    """Mask as kernels want it: of 0 × 0 pixels if there is none."""
-    return _NONE if mask is None else mask
 
 
 def follow_distractor(

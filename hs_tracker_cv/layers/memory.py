@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .._native.kernels.layers import KNOWN, bin_colours, learn, move_object
 from . import background as ground
 from . import colour, motion
-from .kernels import KNOWN, bin_colours, learn, move_object
 from .labelling import Expected, Labels
-from .mask import for_kernel
 from .state import Atlas, Image, LayersState, Plane
 from .window import Picture, View, shifted_mask, transformed, translated
 
@@ -95,14 +94,13 @@ def learn_frame(
     h, w = view.gray.shape
     odds, shape = np.empty((h, w), np.float32), np.empty((h, w), np.float32)
     obj, picture, counts = np.empty_like(expected.obj), np.empty_like(atlas.image), np.empty_like(atlas.counts)
-    colours, tally = np.empty_like(state.colours), np.empty_like(state.colours)
+    colours = np.empty_like(state.colours)
     rate = max(_COLOUR_RATE, 1.0 / (state.count + 2))  # the ground in a box just drawn is soon forgotten
     known, strange, spread = learn(
-        view.image, aligned, labels.mask, expected.own, for_kernel(labels.distractor),
+        view.image, aligned, labels.mask, expected.own, labels.distractor,
         labels.odds, labels.raw, expected.odds, expected.obj, expected.shape, labels.errors, labels.bins, atlas.image,
         atlas.counts, expected.part, view.inside, 0.3 if state.count < _YOUNG else 0.08, hidden or suspected, hidden,
-        state.colours, 0.0 if hidden else rate, np.empty((3, h, w), np.uint8), tally,
-        np.empty(2000, np.float32), odds, obj, shape, picture, counts, colours,
+        state.colours, 0.0 if hidden else rate, odds, obj, shape, picture, counts, colours,
     )  # fmt: skip
     if hidden:
         odds = np.clip(8.0 * (expected.shape - np.float32(0.5)), -2.0, 1.0).astype(np.float32)
@@ -124,8 +122,7 @@ def move(state: LayersState, picture: Picture, origin: tuple[int, int]) -> Layer
         return state.replace(previous=image, gray=gray)
     h, w = gray.shape
     odds, shape, obj = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w, 3), np.float32)
-    rows = state.obj.reshape(state.obj.shape[0], -1)
-    move_object(dx, dy, state.odds, state.shape, rows, odds, shape, obj.reshape(h, -1))
+    move_object(dx, dy, state.odds, state.shape, state.obj, odds, shape, obj)
     return state.replace(
         origin=origin,
         previous=image,

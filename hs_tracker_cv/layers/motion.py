@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .._native.kernels.layers import FAR_OFF, POINT_ROWS, measure_motion, predict_motion, start_flow
+from .._native.kernels.layers import residual as registration_residual
 from . import background as ground
-from . import kernels
-from .kernels import FAR_OFF, foresee, measure, residual, start_flow
 from .state import Atlas, Image, LayersParams, LayersState, Plane
 from .window import View, differences, outside, translated
 
@@ -20,7 +20,7 @@ __all__ = ["REST", "Grid", "Moves", "displace", "find", "follow", "inverse_matri
 
 _LOCAL = threading.local()
 _NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
-_EVENLY, _BY_ODDS, _AS_VISIBLE, _AS_CHANGED = range(4)  # what the pixels of the object weigh, for `kernels.foresee`
+_EVENLY, _AS_VISIBLE, _AS_CHANGED = range(3)  # what the pixels of the object weigh, for `predict_motion`
 _POINTS = 2400  # room for those that motion is measured by
 _STEPS = 3  # most of Gauss–Newton, of object and camera
 _YOUNG = 10  # frames in which what moves with the object is still being found out
@@ -42,7 +42,7 @@ class Grid(NamedTuple):
 class Moves(NamedTuple):
     """How everything moved into this frame.
 
-    grid, theta : affine motion of the object, as in `kernels.gauss_newton`.
+    grid, theta : affine motion of the object, as the kernels have it.
     residual : mean residual of the motion that was predicted, gray levels.
     flow : dense, window px per frame.
     camera : translation of the background, lattice px.
@@ -145,26 +145,18 @@ def displace(moves: Moves, shift: tuple[int, int]) -> Moves:
 
 
 class _Foreseen(NamedTuple):
-    """What is known before the flow is; see `kernels.foresee`."""
+    """What is known before the flow is; see `predict_motion`."""
 
     near: NDArray[np.uint8]
     weight: Plane
     points: NDArray[np.float32]
     listed: int
-    sums: NDArray[np.float64]
+    grid: Grid
+    extent: tuple[int, int, int, int]
+    visible: float
     theta: NDArray[np.float64]
     cost: float
     start: NDArray[np.float32]
-
-    @property
-    def grid(self) -> Grid:
-        """Coordinates of the object."""
-        return Grid(*self.sums[:4].tolist())
-
-    @property
-    def visible(self) -> float:
-        """Sum of the weights."""
-        return float(self.sums[4])
 
 
 def _foresee(
@@ -172,7 +164,7 @@ def _foresee(
     view: View,
     odds: Plane,
     way: int,
-    motion: tuple[float, ...],
+    motion: tuple[float, float, float, float, float, float],
     *,
     known: bool,
     changed: NDArray[np.uint8] | None = None,
@@ -184,23 +176,24 @@ def _foresee(
     """
     h, w = odds.shape
     x, y, width, height = state.box
-    box = np.array(
-        (
-            x - state.origin[0] + width / 2,
-            y - state.origin[1] + height / 2,
-            max(6.0, max(width, height) / 2),
-            max(width * height, 1.0),
-        )
+    box = (
+        x - state.origin[0] + width / 2,
+        y - state.origin[1] + height / 2,
+        max(6.0, max(width, height) / 2),
+        max(width * height, 1.0),
     )
-    masks, weight = np.empty((3, h, w), np.uint8), np.empty_like(odds)
-    shown = next((plane for plane in (changed, state.visible) if plane is not None), masks[0])
-    points, start = np.empty((14, max(_POINTS, h * w // 16 + 64)), np.float32), np.empty((h, w, 2), np.float32)
-    sums, theta = np.empty(9), np.empty(8)
-    count, cost = foresee(
-        odds, shown, way, box, state.obj, view.image, view.inside,
-        np.array(motion), np.array(state.camera), known, masks, weight, points, sums, theta, start,
+    near, weight = np.empty((h, w), np.uint8), np.empty_like(odds)
+    shown = state.visible if changed is None else changed
+    points, start = (
+        np.empty((POINT_ROWS, max(_POINTS, h * w // 16 + 64)), np.float32),
+        np.empty((h, w, 2), np.float32),
+    )
+    theta = np.empty(8)
+    count, cost, visible, grid, extent = predict_motion(
+        odds, shown, way, box, state.obj, view.image, view.inside, motion, state.camera, known, near, weight, points,
+        theta, start,
     )  # fmt: skip
-    return _Foreseen(masks[1], weight, points, count, sums, theta, cost, start)
+    return _Foreseen(near, weight, points, count, Grid(*grid), extent, visible, theta, cost, start)
 
 
 def _measure(
@@ -209,11 +202,10 @@ def _measure(
     """How the background moved and how the object did; only the first without any points."""
     register, theta = np.empty(8), np.empty(8)
     atlas, young = state.atlas, state.count < _YOUNG
-    measure(
-        flow, view.image, view.previous, view.inside, seen.near, np.array(state.camera), state.noise, atlas.image,
-        atlas.counts, np.array(atlas.offset), _CAMERA_STEPS, odds, seen.weight, seen.sums, seen.points, count,
-        seen.theta, state.occlusion.occluded, young, _STEPS, np.empty_like(odds),
-        np.empty_like(seen.points), register, theta,
+    measure_motion(
+        flow, view.image, view.previous, view.inside, seen.near, state.camera, state.noise, atlas.image, atlas.counts,
+        atlas.offset, _CAMERA_STEPS, odds, seen.weight, seen.grid, seen.points, count, seen.theta,
+        state.occlusion.occluded, young, _STEPS, register, theta,
     )  # fmt: skip
     return ground.Registered.of(register), theta
 
@@ -228,11 +220,10 @@ def _moves(
     residual: float,
 ) -> Moves:
     atlas, camera = ground.place(state.atlas, registered, view.image, state.odds)
-    x0, y0, x1, y1 = map(int, seen.sums[5:].tolist())
     contrast = _contrast(theta, camera, state.contrast)
     strange = 4.0 * state.noise + 8.0
-    misfit = kernels.residual(view.image, seen.points, seen.listed, theta, strange, view.inside) / strange
-    return Moves(seen.grid, theta, residual, flow, camera, atlas, contrast, (x0, y0, x1, y1), min(misfit, 1.0))
+    misfit = registration_residual(view.image, seen.points, seen.listed, theta, strange, view.inside) / strange
+    return Moves(seen.grid, theta, residual, flow, camera, atlas, contrast, seen.extent, min(misfit, 1.0))
 
 
 def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: float) -> float:
@@ -242,7 +233,7 @@ def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: flo
 
 
 def _theta(velocity: tuple[float, float]) -> NDArray[np.float64]:
-    """Write a translation as `kernels.measure` has motions."""
+    """Write a translation as the kernels have motions."""
     return np.array((velocity[0], 0.0, 0.0, velocity[1], 0.0, 0.0, 0.0, 0.0))
 
 
@@ -251,14 +242,14 @@ def _search_too(state: LayersState, view: View, seen: _Foreseen) -> _Foreseen:
     grid = seen.grid
     shift = _search(state, view.image, seen.weight, grid)
     theta = _theta(shift)
-    cost = residual(view.image, seen.points, seen.listed, theta, FAR_OFF, view.inside)
+    cost = registration_residual(view.image, seen.points, seen.listed, theta, FAR_OFF, view.inside)
     dx, dy = shift[0] - state.velocity[0], shift[1] - state.velocity[1]
     distance = dx * dx + dy * dy
     penalised = _penalised(cost, distance, grid)
     if penalised >= (0.92 * seen.cost - 0.15 if state.count == 0 else 0.85 * seen.cost - 0.5):
         return seen
     start = np.empty_like(seen.start)
-    start_flow(seen.near, seen.sums, theta, np.array(state.camera), start)
+    start_flow(seen.near, seen.grid, theta, state.camera, start)
     return seen._replace(theta=theta, cost=cost, start=start)
 
 
@@ -331,7 +322,7 @@ def _dense_flow(
 
 
 def inverse_matrix(theta: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
-    """Where the pixels of this frame come from by an affine motion, as `kernels.resample` wants it."""
+    """Where the pixels of this frame come from by an affine motion, as `resample` wants it."""
     vx, a, b, vy, c, d = theta[:6].tolist()
     a, b, c, d = 1.0 + a / grid.scale, b / grid.scale, c / grid.scale, 1.0 + d / grid.scale
     x = vx - (a - 1.0) * grid.cx - b * grid.cy

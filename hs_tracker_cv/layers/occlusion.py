@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .._native.kernels.layers import search_shift
 from ..geometry import Box
-from .kernels import search_shift
 from .mask import Mask
 from .state import Image, LayersParams, Occlusion, Plane
 
@@ -126,7 +126,7 @@ def find_again(
         return 0, 0
     step = 1 + reach // 12
     arguments = (image, obj, shape, different)
-    score, still, dx, dy = search_shift(*arguments, np.array((0, 0)), reach, step, inside, noise)
+    score, still, dx, dy = search_shift(*arguments, (0, 0), reach, step, inside, noise)
     if step > 1:
-        score, _, dx, dy = search_shift(*arguments, np.array((dx, dy)), step - 1, 1, inside, noise)
-    return (int(dx), int(dy)) if score > 1.1 * still + 0.04 and score > 0.12 else (0, 0)
+        score, _, dx, dy = search_shift(*arguments, (dx, dy), step - 1, 1, inside, noise)
+    return (dx, dy) if score > 1.1 * still + 0.04 and score > 0.12 else (0, 0)

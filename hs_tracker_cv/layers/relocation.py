@@ -9,10 +9,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from .._native.kernels.layers import FAR_OFF, KNOWN
 from ..frames import Frame
 from ..geometry import Box
 from . import background as ground
-from .kernels import FAR_OFF, KNOWN
 from .motion import REST
 from .state import Atlas, Image, LayersParams, LayersState, Occlusion, Plane
 from .window import differences, grab, place_window, shifted, transformed

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .._native.kernels.layers import resample, shift, smooth
 from ..frames import Frame, crop
-from .kernels import resample, shift, smooth
 from .state import EVEN_LIGHT, Image, LayersState, Light, Plane
 
 __all__ = [
@@ -128,10 +128,9 @@ def grab(
     h, w = size
     left, top = (origin[0] - _RING) * step, (origin[1] - _RING) * step
     pixels = crop(frame, left, top, (w + 2 * _RING) * step, (h + 2 * _RING) * step, step=step)
-    rows = pixels.reshape(h + 2 * _RING, -1)
-    image, gray = np.empty((h, 3 * w), np.float32), np.empty((h, w), np.float32)
-    smooth(rows, _TAPS, np.empty(rows.shape[1], np.float32), image, gray)
-    return _divided(Picture(image.reshape(h, w, 3), gray), light)
+    image, gray = np.empty((h, w, 3), np.float32), np.empty((h, w), np.float32)
+    smooth(pixels.reshape(h + 2 * _RING, w + 2 * _RING, -1), _TAPS, image, gray)
+    return _divided(Picture(image, gray), light)
 
 
 def _divided(picture: Picture, light: Light) -> Picture:
