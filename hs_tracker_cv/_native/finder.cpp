@@ -4,6 +4,7 @@
 #include "finder.hpp"
 
 #include "arithmetic.hpp"
+#include "turned.hpp"
 
 #include <cmath>
 
@@ -101,37 +102,6 @@ void sample_straight(const Picture &picture, const Place &place, float *room, fl
         else
             gather<1>(taps, patch + i * PATCH);
     }
-}
-
-// A turned patch cannot be sampled by rows and columns: a sample is the mean of a few bilinear reads.
-void sample_turned(const Picture &picture, const Place &place, float *patch) {
-    const Index channels = picture.channels, stride = picture.width * channels;
-    const Index sub_x = clamp(static_cast<Index>(place.step_x + 0.5), 1, 4);
-    const Index sub_y = clamp(static_cast<Index>(place.step_y + 0.5), 1, 4);
-    const Index step_right = picture.width > 1 ? channels : 0, step_down = picture.height > 1 ? stride : 0;
-    const float share = 1.0f / static_cast<float>(sub_x * sub_y);
-    for (Index i = 0; i < PATCH; ++i)
-        for (Index j = 0; j < PATCH; ++j) {
-            float total[3] = {0.0f, 0.0f, 0.0f};
-            for (Index k = 0; k < sub_x * sub_y; ++k) {
-                const double right = (j - 0.5 * (PATCH - 1) + (k % sub_x + 0.5) / sub_x - 0.5) * place.step_x;
-                const double below = (i - 0.5 * (PATCH - 1) + (k / sub_x + 0.5) / sub_y - 0.5) * place.step_y;
-                const double px = place.x + place.cosine * right - place.sine * below;
-                const double py = place.y + place.sine * right + place.cosine * below;
-                const double in_x = smaller(larger(px, 0.0), picture.width - 1.0);
-                const double in_y = smaller(larger(py, 0.0), picture.height - 1.0);
-                const Index x = clamp(static_cast<Index>(in_x), 0, picture.width > 1 ? picture.width - 2 : 0);
-                const Index y = clamp(static_cast<Index>(in_y), 0, picture.height > 1 ? picture.height - 2 : 0);
-                const float fx = static_cast<float>(in_x - x), fy = static_cast<float>(in_y - y);
-                const float *corner = picture.data + y * stride + x * channels;
-                for (Index c = 0; c < channels; ++c) {
-                    const float *p = corner + c, *q = p + step_down;
-                    const float top = p[0] + fx * (p[step_right] - p[0]), low = q[0] + fx * (q[step_right] - q[0]);
-                    total[c] += share * (top + fy * (low - top));
-                }
-            }
-            for (Index c = 0; c < channels; ++c) patch[(c * PATCH + i) * PATCH + j] = total[c];
-        }
 }
 
 // ---- channels ----
@@ -262,7 +232,7 @@ void sample(const Picture &picture, const Place &place, float *room, float *patc
     if (is_straight(place))
         sample_straight(picture, place, room, patch);
     else
-        sample_turned(picture, place, patch);
+        sample_turned(picture, place, PATCH, PATCH, patch);
 }
 
 void describe(const Picture &picture, const Place &place, const float *fade, const float *names, float *room,

@@ -1,6 +1,7 @@
 #include "patches.hpp"
 
 #include "arithmetic.hpp"
+#include "turned.hpp"
 
 #include <cmath>
 #include <cstdlib>
@@ -12,7 +13,6 @@ constexpr float CONTRAST = 32.0f; // deviation of a patch
 constexpr float FLOOR = 4.0f;     // gray levels of deviation that are noise
 // Weight of the neighbour of a sample in a patch: a Gaussian of 0.7 samples, cut after one.
 constexpr double NEIGHBOUR = 0.209453608559564;
-constexpr Index MOST_READS = 4; // of the picture for one sample, each way
 constexpr float UNSEEN = 1e-4f; // share of a bin that was not seen
 
 // ---- sampling ----
@@ -24,8 +24,6 @@ struct Line {
     float *weights;
 };
 
-Index reads(double step) { return clamp(static_cast<Index>(step + 0.5), 1, MOST_READS); }
-
 Index line_length(double step, Index reach, Index size) {
     const Index length = static_cast<Index>(static_cast<double>(2 * reach + 1) * step) + 3;
     return length < size ? length : size;
@@ -34,7 +32,7 @@ Index line_length(double step, Index reach, Index size) {
 // A sample is the mean of bilinear reads spread evenly over a step. With a `side` other than 0 it is smoothed: its two
 // neighbours, mirrored at the ends, get that weight each. All this makes one row of weights. The border is repeated.
 void weigh(double centre, double step, double side, Index size, const Line &line) {
-    const Index reach = side > 0.0 ? 1 : 0, sub = reads(step), last = line.count - 1;
+    const Index reach = side > 0.0 ? 1 : 0, sub = reads_of(step), last = line.count - 1;
     const double half = 0.5 * last;
     for (Index k = 0; k < line.length * line.count; ++k) line.weights[k] = 0.0f;
     for (Index i = 0; i <= last; ++i) {
@@ -92,38 +90,12 @@ void sample_straight(const Window &window, double side, const PatchRoom &room, f
     }
 }
 
-// A turned window cannot be sampled by rows and columns, so this costs several times as much; it is not smoothed.
-void sample_turned(const Window &window, float *samples) {
-    const Picture &picture = window.picture;
-    const Place &place = window.place;
-    const Index channels = picture.channels, stride = picture.width * channels, plane = window.rows * window.columns;
-    const Index sub_x = reads(place.step_x), sub_y = reads(place.step_y);
-    const double share = 1.0 / (sub_x * sub_y);
-    for (Index c = 0; c < channels * plane; ++c) samples[c] = 0.0f;
-    for (Index i = 0; i < plane; ++i)
-        for (Index k = 0; k < sub_x * sub_y; ++k) {
-            const Index row = i / window.columns, column = i % window.columns;
-            const double right = (column - 0.5 * (window.columns - 1) + (k % sub_x + 0.5) / sub_x - 0.5) * place.step_x;
-            const double down = (row - 0.5 * (window.rows - 1) + (k / sub_x + 0.5) / sub_y - 0.5) * place.step_y;
-            const double px = within(place.x + place.cosine * right - place.sine * down, 0.0, picture.width - 1.0);
-            const double py = within(place.y + place.sine * right + place.cosine * down, 0.0, picture.height - 1.0);
-            const Index x = clamp(static_cast<Index>(px), 0, picture.width - 2);
-            const Index y = clamp(static_cast<Index>(py), 0, picture.height - 2);
-            const double fx = px - x, fy = py - y;
-            for (Index c = 0; c < channels; ++c) {
-                const float *p = picture.data + y * stride + x * channels + c, *q = p + stride;
-                const double top = p[0] + fx * (p[channels] - p[0]), low = q[0] + fx * (q[channels] - q[0]);
-                float &out = samples[c * plane + i];
-                out = static_cast<float>(out + share * (top + fy * (low - top)));
-            }
-        }
-}
-
 void sample_smoothed(const Window &window, double side, const PatchRoom &room, float *samples) {
     if (is_straight(window.place))
         sample_straight(window, side, room, samples);
     else
-        sample_turned(window, samples);
+        // Costs several times as much, and is not smoothed.
+        sample_turned(window.picture, window.place, window.rows, window.columns, samples);
 }
 
 void sample(const Window &window, const PatchRoom &room, float *samples) {

@@ -19,6 +19,7 @@ F32 = NDArray[np.float32]
 
 _LOOKS, _PLACES, _APART = 3, 200, 1.9
 _TURN = 0.02  # rad: a smaller turn makes no difference
+_CLEAR = 0.9  # chance from which no other angle is tried
 
 
 class Found(NamedTuple):
@@ -44,7 +45,7 @@ def find(state: PropagationState, view: View, expected: Pose, p: PropagationPara
     g, lost = state.geometry, state.low - p.patience
     penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
     best = look(state, view, expected, expected, penalty)
-    if abs(expected.angle - state.report.angle) > _TURN:  # it may not have turned as it was said to
+    if best.chance < _CLEAR and abs(expected.angle - state.report.angle) > _TURN:  # it may not have turned as told
         upright = expected._replace(angle=state.report.angle)
         best = max(best, look(state, view, upright, upright, penalty), key=lambda found: found.chance)
     if lost > 0 and best.chance < p.sure:
