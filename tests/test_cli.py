@@ -292,6 +292,7 @@ def test_a_folder_whose_name_is_not_utf8_is_followed(here: Path) -> None:
         (["in.mkv", "--panels", "--csv", "in.hs.panels.webm"], 2, "in.hs.panels.webm: is named for two outputs"),
         (["in.mkv", "--csv", "link.csv"], 2, "link.csv: would overwrite the input"),
         (["set", "--csv", "set/0.png"], 2, f"set{os.sep}0.png: would overwrite the input"),
+        (["set", "--csv", "set/0040.png"], 2, f"set{os.sep}0040.png: would be read as a frame of the input"),
         (["in.mkv", "--start", "-1"], 2, "expected --start of at least 0, got -1"),
         (["in.mkv", "--start", "3"], 1, "in.mkv: has 3 frames, none after frame 2"),
         (["in.mkv", "--step", "0"], 2, "expected --step of at least 1, got 0"),

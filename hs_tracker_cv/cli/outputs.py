@@ -226,13 +226,19 @@ def _check(video: str, targets: list[Path]) -> None:
     source = Path(video)
     seen: dict[str, Path] = {}
     for path in targets:
-        frame = path.suffix.lower() in IMAGE_SUFFIXES and path.exists() and _same(path.parent, source)
-        if frame or _same(path, source):
+        if _same(path, source) or (path.exists() and _is_frame(path, source)):
             raise UsageError(f"{path}: would overwrite the input")
+        if _is_frame(path, source):
+            raise UsageError(f"{path}: would be read as a frame of the input")
         place = _place(path)
         if place in seen or any(_same(path, other) for other in seen.values()):
             raise UsageError(f"{path}: is named for two outputs")
         seen[place] = path
+
+
+def _is_frame(path: Path, folder: Path) -> bool:
+    """Whether a file of this name is, or would be, one of the frames of a folder."""
+    return path.suffix.lower() in IMAGE_SUFFIXES and _same(path.parent, folder)
 
 
 def _same(one: Path, two: Path) -> bool:
