@@ -86,7 +86,8 @@ def test_every_cut_reaches_what_a_tracker_uses(
     follow(TrackerHS_create(), frames)
     forget_solvers()
     monkeypatch.setattr(import_module(f"hs_tracker_cv.{cut.module}"), cut.name, Tripwire())
-    with pytest.raises(AssertionError, match="reached"):
+    # A native kernel refuses it by its type before it can raise.
+    with pytest.raises((AssertionError, TypeError), match=r"reached|Invoked with types.*Tripwire"):
         follow(TrackerHS_create(), frames)
 
 
