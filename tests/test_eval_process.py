@@ -385,8 +385,10 @@ def test_a_failure_leaves_the_child_in_use() -> None:
     """An exception is an answer; the next request is served."""
     with Child("eval.track:Track", Limits()) as child:
         with pytest.raises(ChildError, match="raised ValueError: cannot load 'nowhere:Nothing'"):
-            child.ask({"do": "open", "factory": "nowhere:Nothing", "params": {}})
-        assert child.ask({"do": "open", "factory": "eval.baselines.known:Static", "params": {}}).content == {}
+            child.ask({"do": "open", "factory": "nowhere:Nothing", "params": {}, "seed": 0})
+        assert (
+            child.ask({"do": "open", "factory": "eval.baselines.known:Static", "params": {}, "seed": 0}).content == {}
+        )
         assert child.running()
     assert not child.running()
 
