@@ -61,7 +61,7 @@ def _run(name: str, arguments: list[str]) -> int:
                 command, args=arguments, prog=f"python -m eval {name}", config=(tyro.conf.OmitArgPrefixes,)
             )
         return int(chosen or 0)
-    except (ResultsError, ValueError, OSError) as error:
+    except (ResultsError, ValueError, OSError, ImportError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

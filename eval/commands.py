@@ -112,6 +112,8 @@ def run(
     folder, found = _open(out, suite, dataset, sequences, frames=frames)
     limits = Limits(timeout, memory, processes, paths)
     part = found[first::step]
+    if any("hs_tracker_cv" in spec.sources for spec in specs):
+        import hs_tracker_cv._native  # noqa: F401 - says that it is not built before all runs say so one by one
     _run_with_progress(specs, part, folder, jobs, limits, starts, retry_failed, led, dask)
     names = [spec.name for spec in specs]
     if part and led is ONE_PASS:

@@ -269,6 +269,14 @@ def test_a_folder_whose_name_is_not_utf8_is_followed(here: Path) -> None:
     assert said.stdout.endswith("wrote o.webm, \\udce9.hs.csv\n")
 
 
+def test_an_output_without_a_place_costs_no_earlier_one(here: Path) -> None:
+    """The table of an earlier run stays when the next one cannot begin."""
+    _write(here / "in.mkv", _square()[0])
+    (here / "in.hs.csv").write_text("kept\n")
+    assert cli.main(["in.mkv", "--roi", "40,40,36,36", "--out", "absent/o.webm"]) == 1
+    assert (here / "in.hs.csv").read_text() == "kept\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [

@@ -922,3 +922,14 @@ def test_a_turn_without_updates_is_refused(sequence: Sequence, tmp_path: Path) -
     """The error says what was asked for."""
     with pytest.raises(ValueError, match="at least one update, got 0"):
         measure_speed([], [sequence], Folder(tmp_path), block=0, report=lambda run, reused: None)
+
+
+def test_a_library_that_is_not_built_is_one_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not a run of TrackerHS that scores 0: nothing is stored."""
+    monkeypatch.setitem(sys.modules, "hs_tracker_cv._native", None)
+    words = ["run", "--suite", "smoke", "--trackers", "TrackerHS", "--out", str(tmp_path / "out")]
+    assert main(words) == 1
+    assert "hs_tracker_cv._native" in capsys.readouterr().err
+    assert not list((tmp_path / "out").rglob("tracks/*"))

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 try:
     from . import kernels
+    from .kernels import layers as _layers  # without the extension, the folder of stubs would pass for the module
 except ImportError as error:
     message = "hs_tracker_cv is not built for this Python: run `make native` in a checkout, or install the package"
     raise ImportError(f"{message} ({error})") from error
+
+assert _layers
 
 __all__ = ["kernels"]

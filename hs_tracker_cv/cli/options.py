@@ -34,9 +34,9 @@ class Options:
 
     Without --roi and --select the first object that moves is followed, and the next one when that has left.
 
-    Other commands: `hs-track warmup` compiles the kernels in advance, `hs-track app` opens the live page,
-    `hs-track --version` names the versions. Exit code: 0; 1 for input or output that fails, 2 for a command that
-    cannot be meant, 130 after Ctrl-C (128 + number of the signal); what was written stays.
+    Other commands: `hs-track app` opens the live page, `hs-track --version` names the versions. Exit code: 0; 1 for
+    input or output that fails, 2 for a command that cannot be meant, 130 after Ctrl-C (128 + number of the signal);
+    what was written stays.
 
     Parameters
     ----------

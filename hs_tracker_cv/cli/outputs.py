@@ -43,7 +43,9 @@ class Outputs:
         table = options.csv if options.csv is not None else Path(f"{source.name}.hs.csv")
         panels = video.with_name(f"{video.stem}.panels{video.suffix}")
         tables = [table] if options.mot is None else [table, options.mot]
-        _check(options.video, [video, *tables, panels] if options.panels else [video, *tables])
+        targets = [video, *tables, panels] if options.panels else [video, *tables]
+        _check(options.video, targets)
+        _check_folders(targets)
         self._overlay = VideoSink(video, source.fps)
         self._every = options.all
         self._table = _Table(table, partial(write_header, every=options.all), partial(write_row, every=options.all))
@@ -219,6 +221,15 @@ def _plain(step: Step) -> dict[str, Any]:
         "score": round(step.score, 3),
         "state": step.state,
     }
+
+
+def _check_folders(targets: list[Path]) -> None:
+    """Refuse before any output is begun, so that one without a place costs none of an earlier run."""
+    for path in targets:
+        if path.is_dir():
+            raise VideoError(f"{path}: cannot be written (Is a directory)")
+        if not path.parent.is_dir():
+            raise VideoError(f"{path}: cannot be written (No such file or directory)")
 
 
 def _check(video: str, targets: list[Path]) -> None:
