@@ -201,22 +201,34 @@ def test_a_model_counts_by_its_bytes_and_not_by_its_place(
     assert code_version(find_tracker("TrackerNano", other)) != before
 
 
-def test_trackers_with_models_are_made_of_them(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """OpenCV gets the files; TrackerVit as it is shipped, and with the deviations of its training."""
-    made: dict[str, Any] = {}
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Parameters that OpenCV's trackers with models are made with; none is loaded."""
+    given: dict[str, Any] = {}
     for name in ("Nano", "Vit", "DaSiamRPN"):
-        monkeypatch.setattr(cv2, f"Tracker{name}_create", lambda given, name=name: made.__setitem__(name, given))
+        create = f"Tracker{name}_create"
+        monkeypatch.setattr(cv2, create, lambda each, name=name: given.__setitem__(name, each), raising=False)
+    return given
+
+
+@pytest.mark.skipif(not hasattr(cv2, "TrackerVit_Params"), reason="TrackerVit came with OpenCV 4.9")
+def test_vit_is_made_as_shipped_and_with_the_deviations_of_its_training(models: Path, made: dict[str, Any]) -> None:
+    """OpenCV gets the file, and either its own deviations or ours."""
     shipped = cv2.TrackerVit_Params().stdvalue
     for name, deviations in (("TrackerVit", shipped), ("TrackerVit-normalised", (0.07433, -0.07598, -0.07565, 0.0))):
         spec = find_tracker(name, models)
         resolve(spec.factory)(**spec.params)
         assert made["Vit"].net == str(models / MODELS[2])
         assert made["Vit"].stdvalue == pytest.approx(deviations)
-    for name in ("TrackerNano", "DaSiamRPN"):
-        spec = find_tracker(name, models)
-        resolve(spec.factory)(**spec.params)
-        given = made[name.removeprefix("Tracker")]
-        assert {parameter: getattr(given, parameter) for parameter in spec.params} == dict(spec.params)
+
+
+@pytest.mark.parametrize("name", ["TrackerNano", "DaSiamRPN"])
+def test_trackers_with_models_are_made_of_them(name: str, models: Path, made: dict[str, Any]) -> None:
+    """OpenCV gets the files."""
+    spec = find_tracker(name, models)
+    resolve(spec.factory)(**spec.params)
+    given = made[name.removeprefix("Tracker")]
+    assert {parameter: getattr(given, parameter) for parameter in spec.params} == dict(spec.params)
 
 
 def test_none_of_them_is_a_default() -> None:
