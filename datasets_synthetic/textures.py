@@ -77,7 +77,7 @@ def resample(image: Image, ys: NDArray[np.float64], xs: NDArray[np.float64]) -> 
     """
     rows, row_weights = _taps(ys, image.shape[0])
     columns, column_weights = _taps(xs, image.shape[1])
-    if not (ys % 1.0).any() and not (xs % 1.0).any():
+    if (ys == np.floor(ys)).all() and (xs == np.floor(xs)).all():
         return np.ascontiguousarray(image[rows[1]][:, columns[1]])
     first, last = int(columns.min()), int(columns.max()) + 1
     strip = image[:, first:last]

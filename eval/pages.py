@@ -21,7 +21,7 @@ from .results import ResultsError
 from .sequences import Sequence
 from .statistics import ScoredRun
 
-__all__ = ["PICTURE_BYTES", "page_name", "write_page"]
+__all__ = ["PICTURE_BYTES", "page_environment", "page_name", "write_page"]
 
 PICTURE_BYTES = 1_500_000
 """Pictures of one page, at most, as they stand in it."""
@@ -38,6 +38,19 @@ class _Pair:
     failures: list[Failure]
     before: str
     after: str
+
+
+def page_environment() -> Any:
+    """Jinja's environment of the referee's pages: templates beside this module, what is unknown an error."""
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
 
 
 def page_name(sequence: str) -> str:
@@ -74,8 +87,6 @@ def write_page(
     ResultsError
         If it cannot be written.
     """
-    import jinja2
-
     sequence = items[0].sequence
     drawn = {item.run.tracker: item.run for item in items if item.run.tracker in shown}
     found = [failure for item in items for failure in failures(item)]
@@ -107,13 +118,7 @@ def write_page(
         "video": film.name if video else "",
         "data": json.dumps(_data(items, rows, VIDEO_FPS)).replace("<", "\\u003c"),
     }
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment()
     environment.filters["share"] = _share
     text = environment.get_template(_TEMPLATE).render(contents)
     try:

@@ -18,7 +18,7 @@ from .diagnosis import Failure, failures
 from .framesource import FrameSourceError
 from .metrics import METRICS
 from .overlay import contact_sheet, encode_jpeg
-from .pages import page_name, write_page
+from .pages import page_environment, page_name, write_page
 from .plots import (
     as_svg,
     before_loss_plot,
@@ -82,15 +82,7 @@ def write_report(
     ResultsError
         If the file cannot be written.
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment()
     environment.tests["share"] = _is_share
     text = environment.get_template(_TEMPLATE).render(
         _contents(summary, folder, path.parent / "pages", videos, shown)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .frames import Frame, crop
 from .validation import Shape
 
-__all__ = ["Overview", "overview", "same_scene"]
+__all__ = ["Overview", "blank", "overview", "same_scene"]
 
 Overview = Annotated[NDArray[np.float32], Shape(2, 24, 32)]
 """Gray thumbnail of a frame, and the deviation of the pixels within each cell; gray levels."""
@@ -68,9 +68,9 @@ def same_scene(before: Overview, now: Overview, frames: int = 1) -> bool:
     (True, False)
     """
     (before, rough_before), (now, rough_now) = before, now
-    rougher = float(np.median(rough_now) + _ROUGHNESS) / float(np.median(rough_before) + _ROUGHNESS)
-    emptied = float(now.std()) < _EVEN and float(before.std()) > _UNEVEN
     if float(np.median(np.abs(now - before))) < _CHANGE:
+        rougher = float(np.median(rough_now) + _ROUGHNESS) / float(np.median(rough_before) + _ROUGHNESS)
+        emptied = float(now.std()) < _EVEN and float(before.std()) > _UNEVEN
         return max(rougher, 1.0 / rougher) < _ROUGHER and not emptied
     s = min(_SHIFT + (frames - 1) // 4, _MOST_SHIFT)
     middle = before[s:-s, s:-s]

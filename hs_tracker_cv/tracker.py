@@ -438,7 +438,7 @@ def _resume(track: _Track, frame: Frame, now: Overview, same: bool) -> _Track:
         report = segmented.report
         carried = propagation.ride(track.propagation, report.box) if track.propagation else None
         return replace(
-            found, layers=segmented, propagation=carried, box=report.box, score=0.9, state=_state(report, frame)
+            found, layers=segmented, propagation=carried, box=report.box, score=SURELY, state=_state(report, frame)
         )
     if track.propagation is None:
         return track

@@ -12,6 +12,8 @@ import pytest
 from hypothesis import settings
 from numpy.typing import NDArray
 
+from hs_tracker_cv._native import kernels
+
 # The same examples in every run, so that a change is what makes a test fail; benchmarks.fuzz looks for new ones.
 # No deadline: on a busy machine it would be a timed test.
 settings.register_profile("seeded", derandomize=True, deadline=None)
@@ -68,3 +70,11 @@ def moving_square(
         frames.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
         boxes.append((x, y, side, side))
     return frames, boxes
+
+
+@pytest.fixture
+def level() -> Iterator[None]:
+    """Leave the level as it was."""
+    before = kernels.level()
+    yield
+    kernels.use_level(before)

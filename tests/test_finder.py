@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -22,14 +22,6 @@ SIDE = 32.0
 """Of the object, px: a cell is 4 px and the window 160."""
 HALF = CELLS // 2 + 1
 LATTICE = finder.lattice_of(SIDE, SIDE)
-
-
-@pytest.fixture
-def level() -> Iterator[None]:
-    """Leave the level of the kernels as it was."""
-    before = kernels.level()
-    yield
-    kernels.use_level(before)
 
 
 def _texture(seed: int, height: int, width: int) -> F32:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -14,14 +13,6 @@ from hs_tracker_cv.flow import HornSchunck
 
 H, W = 4, 6
 NO_BLUR = (1.0, 0.0, 0.0)
-
-
-@pytest.fixture
-def level() -> Iterator[None]:
-    """Leave the level as it was."""
-    before = kernels.level()
-    yield
-    kernels.use_level(before)
 
 
 def images(rng, *shape):

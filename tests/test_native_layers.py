@@ -408,14 +408,6 @@ def test_no_number_leads_out_of_an_array(name: str, strange: float) -> None:
             assert (room[-16:] == 77).all()
 
 
-@pytest.fixture
-def level() -> Iterator[None]:
-    """Leave the level as it was."""
-    before = kernels.level()
-    yield
-    kernels.use_level(before)
-
-
 @pytest.mark.usefixtures("level")
 @pytest.mark.parametrize("name", NAMES)
 def test_all_levels_give_the_same_bits(name: str) -> None:

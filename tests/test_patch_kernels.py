@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -117,14 +117,6 @@ def test_sizes_and_numbers_are_checked(name: str, change: dict[str, Any], messag
     """What does not fit the other arguments is named with its value."""
     with pytest.raises(ValueError, match=message):
         call(name, **change)
-
-
-@pytest.fixture
-def level() -> Iterator[None]:
-    """Leave the level as it was."""
-    before = kernels.level()
-    yield
-    kernels.use_level(before)
 
 
 @pytest.mark.usefixtures("level")
