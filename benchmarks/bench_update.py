@@ -44,7 +44,7 @@ def moving_square(width: int, height: int, side: int, count: int) -> Iterator[ND
 
 def trackers() -> dict[str, Callable[[], Any]]:
     """What is timed: name and factory."""
-    modes = {f"TrackerHS {mode}": mode for mode in ("auto", "layers", "propagation")}
+    modes = {f"TrackerHS {mode}": mode for mode in ("auto", "segmentation", "patch_tracker")}
     table: dict[str, Callable[[], Any]] = {
         name: (lambda mode=mode: TrackerHS_create(TrackerHS_Params(mode=mode))) for name, mode in modes.items()
     }

@@ -37,24 +37,24 @@ class Stage(NamedTuple):
     depth: int = 0
 
 
-LAYERS = (
-    Stage("window", "layers.tracking", "look"),
-    Stage("motion", "layers.motion", "find"),
-    Stage("prediction", "layers.motion", "_foresee", 1),
-    Stage("Horn–Schunck flow", "layers.motion", "_dense_flow", 1),
-    Stage("fit and registration", "layers.motion", "_measure", 1),
-    Stage("layers moved, evidence", "layers.labelling", "expect"),
-    Stage("labels", "layers.labelling", "assign"),
-    Stage("occlusion, box", "layers.tracking", "_judge"),
-    Stage("memory", "layers.memory", "learn_frame"),
-    Stage("report, next window", "layers.tracking", "_conclude"),
+SEGMENTATION = (
+    Stage("window", "segmentation.tracking", "look"),
+    Stage("motion", "segmentation.motion", "find"),
+    Stage("prediction", "segmentation.motion", "_foresee", 1),
+    Stage("Horn–Schunck flow", "segmentation.motion", "_dense_flow", 1),
+    Stage("fit and registration", "segmentation.motion", "_measure", 1),
+    Stage("layers moved, evidence", "segmentation.labelling", "expect"),
+    Stage("labels", "segmentation.labelling", "assign"),
+    Stage("occlusion, box", "segmentation.tracking", "_judge"),
+    Stage("memory", "segmentation.memory", "learn_frame"),
+    Stage("report, next window", "segmentation.tracking", "_conclude"),
 )
 
-PROPAGATION = (
-    Stage("find: correlation filter", "propagation.tracking", "find"),
-    Stage("carry: flow between frames", "propagation.tracking", "_carry"),
-    Stage("hold: keyframes", "propagation.tracking", "_hold"),
-    Stage("learn", "propagation.tracking", "_learn"),
+PATCH_TRACKER = (
+    Stage("find: correlation filter", "patch_tracker.tracking", "find"),
+    Stage("carry: flow between frames", "patch_tracker.tracking", "_carry"),
+    Stage("hold: keyframes", "patch_tracker.tracking", "_hold"),
+    Stage("learn", "patch_tracker.tracking", "_learn"),
 )
 
 
@@ -127,7 +127,7 @@ def table(mode: str, stages: tuple[Stage, ...]) -> Table:
 def main() -> None:
     """Print both tables."""
     cv2.setNumThreads(1)
-    for mode, stages in (("layers", LAYERS), ("propagation", PROPAGATION)):
+    for mode, stages in (("segmentation", SEGMENTATION), ("patch_tracker", PATCH_TRACKER)):
         profile(mode, stages, 40)  # compiles
         Console().print(table(mode, stages))
 

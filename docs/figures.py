@@ -7,24 +7,24 @@ from pathlib import Path
 
 WIDTH, HEIGHT = 990, 470
 INK, PAPER = "#1f2933", "#ffffff"
-FILLS = {"data": "#eef2f7", "layers": "#dbeafe", "carried": "#fde7d3", "choice": "#dcfce7", "lost": "#fee2e2"}
+FILLS = {"data": "#eef2f7", "segmentation": "#dbeafe", "carried": "#fde7d3", "choice": "#dcfce7", "lost": "#fee2e2"}
 
 BOXES = {
     # name: (x, y, width, height, fill, heading, lines)
     "frame": (20, 40, 120, 60, "data", "frame", ("any cv2 image",)),
     "overview": (180, 40, 150, 60, "data", "overview", ("still the scene?",)),
-    "layers": (380, 20, 300, 120, "layers", "segmentation · layers.step", (
+    "segmentation": (380, 20, 300, 120, "segmentation", "segmentation · segmentation.step", (
         "window → predicted motion → flow",
         "→ motions of object and ground",
         "→ which explains each pixel? → mask",
         "→ box, occlusion → learn both layers",
     )),
-    "carried": (380, 210, 300, 100, "carried", "carried box · propagation.step", (
+    "carried": (380, 210, 300, 100, "carried", "carried box · patch_tracker.step", (
         "correlation filter: place",
         "→ flow and keyframes: size",
         "→ believe? → learn",
     )),
-    "choice": (750, 80, 220, 100, "choice", "choice.judge", (
+    "choice": (750, 80, 220, 100, "choice", "arbitration.judge", (
         "doubt → which is followed",
         "chance of being right → score",
         "below 0.25: not believed",
@@ -33,7 +33,7 @@ BOXES = {
     "tracking": (750, 370, 220, 56, "choice", "tracking", ("ok is True",)),
     "occluded": (460, 370, 180, 56, "lost", "occluded", ("hidden by something",)),
     "lost": (180, 370, 180, 56, "lost", "lost", ("unseen, or not believed",)),
-    "sighting": (20, 210, 300, 100, "lost", "while lost · sighting.look", (
+    "sighting": (20, 210, 300, 100, "lost", "while lost · redetection.look", (
         "what is new in the frame, and has",
         "the object's colours? The filter looks",
         "at three more places per frame.",

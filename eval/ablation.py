@@ -249,7 +249,7 @@ def _paper(horn_schunck: Any) -> Any:
 
 
 def _flow_cuts(make: Callable[[Any], Any]) -> tuple[Cut, ...]:
-    return Cut("flow", "HornSchunck", make), Cut("propagation.tracking", "HornSchunck", make)
+    return Cut("flow", "HornSchunck", make), Cut("patch_tracker.tracking", "HornSchunck", make)
 
 
 ABLATIONS: dict[str, Ablation] = {
@@ -260,62 +260,66 @@ ABLATIONS: dict[str, Ablation] = {
     "flow-tvl1": Ablation("flow", "scikit-image TV-L1", _flow("tvl1")),
     "flow-lucas-kanade": Ablation("flow", "pyramidal Lucas–Kanade", _flow("lucas-kanade")),
     "no-registration": Ablation(
-        "layers",
+        "segmentation",
         "registration with the object layer (Gauss–Newton)",
-        (Cut("layers.motion", "_STEPS", lambda _: 0),),
+        (Cut("segmentation.motion", "_STEPS", lambda _: 0),),
     ),
     "no-search": Ablation(
-        "layers",
+        "segmentation",
         "search over translations",
-        (Cut("layers.motion", "_search", lambda _: lambda state, *rest: state.velocity),),
+        (Cut("segmentation.motion", "_search", lambda _: lambda state, *rest: state.velocity),),
     ),
     "no-camera": Ablation(
-        "layers",
+        "segmentation",
         "registration of the camera to the background memory",
-        (Cut("layers.motion", "_CAMERA_STEPS", lambda _: 0),),
+        (Cut("segmentation.motion", "_CAMERA_STEPS", lambda _: 0),),
     ),
-    "no-memory": Ablation("layers", "background memory", (Cut("layers.labelling", "_counts", _without_memory),)),
+    "no-memory": Ablation(
+        "segmentation", "background memory", (Cut("segmentation.labelling", "_counts", _without_memory),)
+    ),
     "no-gain": Ablation(
-        "layers", "brightness gain (shadow, flicker)", (Cut("layers.labelling", "_GAINS", _one_brightness),)
+        "segmentation",
+        "brightness gain (shadow, flicker)",
+        (Cut("segmentation.labelling", "_GAINS", _one_brightness),),
     ),
     "no-colour": Ablation(
-        "layers", "colour histograms", (Cut("tracker", "LAYERS", _with_fields(colour_weight=0.0)),)
+        "segmentation", "colour histograms", (Cut("tracker", "SEGMENTATION", _with_fields(colour_weight=0.0)),)
     ),
     "no-growth": Ablation(
-        "layers",
+        "segmentation",
         "growth and distractors",
-        (Cut("layers.labelling", "_STEPS", lambda steps: steps._replace(growth=0)),),
+        (Cut("segmentation.labelling", "_STEPS", lambda steps: steps._replace(growth=0)),),
     ),
     "no-edge": Ablation(
-        "layers",
+        "segmentation",
         "mixed pixels of the edge",
-        (Cut("layers.labelling", "_STEPS", lambda steps: steps._replace(left=1.0)),),
+        (Cut("segmentation.labelling", "_STEPS", lambda steps: steps._replace(left=1.0)),),
     ),
-    "no-occlusion": Ablation("layers", "occlusion", (Cut("layers.occlusion", "judge", _never_occluded),)),
+    "no-occlusion": Ablation("segmentation", "occlusion", (Cut("segmentation.occlusion", "judge", _never_occluded),)),
     "no-keys": Ablation(
-        "propagation", "keyframes but the first", (Cut("tracker", "PROPAGATION", _with_fields(key_gap=10**9)),)
+        "patch_tracker", "keyframes but the first", (Cut("tracker", "PATCH_TRACKER", _with_fields(key_gap=10**9)),)
     ),
     "no-velocity": Ablation(
-        "propagation",
+        "patch_tracker",
         "prediction by the velocity",
-        (Cut("tracker", "PROPAGATION", _with_fields(velocity_rate=0.0)),),
+        (Cut("tracker", "PATCH_TRACKER", _with_fields(velocity_rate=0.0)),),
     ),
     "no-scale": Ablation(
-        "propagation",
+        "patch_tracker",
         "change of size",
-        (Cut("tracker", "PROPAGATION", _with_fields(max_scale_step=0.0, max_key_scale=0.0)),),
+        (Cut("tracker", "PATCH_TRACKER", _with_fields(max_scale_step=0.0, max_key_scale=0.0)),),
     ),
     "no-learning": Ablation(
-        "propagation",
+        "patch_tracker",
         "learning after the first frame",
-        (Cut("propagation.tracking", "_learn", lambda _: lambda model, *rest: model),),
+        (Cut("patch_tracker.tracking", "_learn", lambda _: lambda model, *rest: model),),
     ),
-    "no-sighting": Ablation(
-        "sighting",
+    "no-redetection": Ablation(
+        "redetection",
         "watching the whole frame after a loss",
-        (Cut("sighting", "describe", lambda _: lambda state, known: None),),
+        (Cut("redetection", "describe", lambda _: lambda state, known: None),),
     ),
-    "layers-only": Ablation("choice", "the carried box: segmentation always", mode="layers"),
-    "propagation-only": Ablation("choice", "segmentation: the carried box always", mode="propagation"),
+    "segmentation-only": Ablation("arbitration", "the carried box: segmentation always", mode="segmentation"),
+    "patch-tracker-only": Ablation("arbitration", "segmentation: the carried box always", mode="patch_tracker"),
 }
 """Every ablation, in the order of the table."""

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 __all__ = ["MODES", "TrackerHS_Params"]
 
-Mode = Literal["auto", "layers", "propagation"]
+Mode = Literal["auto", "segmentation", "patch_tracker"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 """Values of `TrackerHS_Params.mode`."""
 
@@ -26,7 +26,7 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
 
     Parameters
     ----------
-    mode : {"auto", "layers", "propagation"}
+    mode : {"auto", "segmentation", "patch_tracker"}
         How the box is found. ``"auto"`` lets the tracker choose from frame to frame; the others fix it.
     rotation : bool
         Let the box that is carried by flow turn with the object, and answer with the upright box round the turned
@@ -46,7 +46,7 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
 
     Examples
     --------
-    >>> parameters = TrackerHS_Params(mode="propagation")
+    >>> parameters = TrackerHS_Params(mode="patch_tracker")
     >>> TrackerHS_Params.from_dict(parameters.to_dict()) == parameters
     True
     """

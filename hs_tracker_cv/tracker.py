@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from . import layers, propagation, sighting
-from .choice import LEAST, SURELY, WITNESS_FRAMES, Choice, agreement, judge, size_difference
+from . import patch_tracker, redetection, segmentation
+from .arbitration import LEAST, SURELY, WITNESS_FRAMES, Choice, agreement, judge, size_difference
 from .flow import derivatives, normal_flow
 from .frames import (
     Frame,
@@ -27,12 +27,12 @@ from .frames import (
     next_frame,
 )
 from .geometry import Box, iou
-from .layers import LayersReport, LayersState
 from .overview import Overview, blank, overview, same_scene
 from .params import TrackerHS_Params
-from .patches import COLOURS, GRAYS
-from .propagation import PropagationParams, PropagationReport, PropagationState
-from .sighting import Scene, Sighting, Target
+from .patch_tracker import PatchTrackerParams, PatchTrackerReport, PatchTrackerState
+from .patch_tracker.patches import COLOURS, GRAYS
+from .redetection import Scene, Sighting, Target
+from .segmentation import SegmentationReport, SegmentationState
 from .validation import Count, Shape, shown, validate
 
 __all__ = ["TrackerDebug", "TrackerHS", "TrackerHS_create", "TrackerState"]
@@ -43,8 +43,8 @@ NOWHERE = (0, 0, 0, 0)
 SEEN_MARGIN = 16
 """Margin round the box, px, in which a frame must repeat the first one bit by bit to count as the same frame."""
 
-LAYERS = layers.LayersParams()
-PROPAGATION = PropagationParams()
+SEGMENTATION = segmentation.SegmentationParams()
+PATCH_TRACKER = PatchTrackerParams()
 
 SURE = 0.8
 """Score from which the carried box may take over from a segmentation that is doubted, and its size is compared."""
@@ -64,7 +64,7 @@ SIGHTED = 0.45
 WHOLE = 0.8
 """Share of the object sighted from which segmentation begins anew there."""
 
-STATE_VERSION = 4
+STATE_VERSION = 5
 """Of what a pickle of a tracker holds; a change of any class in it changes the number."""
 
 PATIENCE = 60
@@ -146,11 +146,11 @@ class _Track:
     """All that is known of the target after one frame."""
 
     video: VideoFormat
-    layers: layers.LayersState | None
-    propagation: propagation.PropagationState | None
+    segmentation: segmentation.SegmentationState | None
+    patch_tracker: patch_tracker.PatchTrackerState | None
     choice: Choice
     box: Box
-    options: PropagationParams
+    options: PatchTrackerParams
     first: _Seen | None = None
     score: float = 1.0
     state: TrackerState = "tracking"
@@ -161,12 +161,14 @@ class _Track:
 
     def follows(self, parameters: TrackerHS_Params) -> bool:
         """Tell whether a tracker of these parameters may have such a track."""
-        modes = (self.layers is not None, self.propagation is not None)
+        modes = (self.segmentation is not None, self.patch_tracker is not None)
         if self.options != _options(parameters) or modes != _modes(parameters):
             return False
         size = self.video.width, self.video.height
-        segmented = self.layers is None or layers.belongs(self.layers, *size, LAYERS)
-        return segmented and (self.propagation is None or propagation.belongs(self.propagation, *size, self.options))
+        segmented = self.segmentation is None or segmentation.belongs(self.segmentation, *size, SEGMENTATION)
+        return segmented and (
+            self.patch_tracker is None or patch_tracker.belongs(self.patch_tracker, *size, self.options)
+        )
 
     def named_lengths(self) -> dict[str, int]:
         """Lengths of arrays that follow from the kind of frame, by name."""
@@ -253,8 +255,8 @@ class TrackerHS:
         options = _options(self._parameters)
         self._track = _Track(
             video=frame.format,
-            layers=layers.start(frame, box, LAYERS) if segmenting else None,
-            propagation=propagation.start(frame, box, options) if carrying else None,
+            segmentation=segmentation.start(frame, box, SEGMENTATION) if segmenting else None,
+            patch_tracker=patch_tracker.start(frame, box, options) if carrying else None,
             choice=Choice(trusted=segmenting),
             box=box,
             options=options,
@@ -341,7 +343,7 @@ class TrackerHS:
         track = self._track
         if track is None or track.first is not None:
             raise InputError("debug needs an update first")
-        view = _view(_followed(track.layers, track.propagation, track.choice))
+        view = _view(_followed(track.segmentation, track.patch_tracker, track.choice))
         fx, fy, ft = derivatives(view.previous, view.current)
         return TrackerDebug(
             window=view.window,
@@ -358,13 +360,13 @@ class TrackerHS:
         )
 
 
-def _options(parameters: TrackerHS_Params) -> PropagationParams:
-    return replace(PROPAGATION, rotation=True) if parameters.rotation else PROPAGATION
+def _options(parameters: TrackerHS_Params) -> PatchTrackerParams:
+    return replace(PATCH_TRACKER, rotation=True) if parameters.rotation else PATCH_TRACKER
 
 
 def _modes(parameters: TrackerHS_Params) -> tuple[bool, bool]:
     """Whether segmentation is at work, and the carried box."""
-    return parameters.mode != "propagation", parameters.mode != "layers"
+    return parameters.mode != "patch_tracker", parameters.mode != "segmentation"
 
 
 def _started(track: _Track | None) -> _Track:
@@ -389,11 +391,11 @@ def _advance(track: _Track, frame: Frame) -> _Track:
             return track
     if not same:
         return replace(track, first=None, score=0.0, state="lost", interrupted=track.interrupted + 1)
-    seen = sighting.look(track.scene, frame) if track.scene else None
+    seen = redetection.look(track.scene, frame) if track.scene else None
     segmented, carried, choice = _look(track, frame, seen)
     if segmented and carried:
         carried, choice = _choose(track, segmented, carried, choice, frame)
-    report: LayersReport | PropagationReport = _followed(segmented, carried, choice).report
+    report: SegmentationReport | PatchTrackerReport = _followed(segmented, carried, choice).report
     if (
         segmented
         and carried
@@ -410,8 +412,8 @@ def _advance(track: _Track, frame: Frame) -> _Track:
             choice, report, score = choice.carried_away, carried.report, carried.report.score
     advanced = _Track(
         video=track.video,
-        layers=segmented,
-        propagation=carried,
+        segmentation=segmented,
+        patch_tracker=carried,
         choice=choice,
         box=report.box,
         options=track.options,
@@ -432,33 +434,43 @@ def _resume(track: _Track, frame: Frame, now: Overview, same: bool) -> _Track:
     """
     found = replace(track, overview=now, interrupted=0)
     segmented = None
-    if (same or track.interrupted > PATIENCE) and track.layers and track.choice.trusted and track.layers.report.ok:
-        segmented = layers.relocate(track.layers, frame, track.interrupted, LAYERS)
+    if (
+        (same or track.interrupted > PATIENCE)
+        and track.segmentation
+        and track.choice.trusted
+        and track.segmentation.report.ok
+    ):
+        segmented = segmentation.relocate(track.segmentation, frame, track.interrupted, SEGMENTATION)
     if segmented is not None:
         report = segmented.report
-        carried = propagation.ride(track.propagation, report.box) if track.propagation else None
+        carried = patch_tracker.ride(track.patch_tracker, report.box) if track.patch_tracker else None
         return replace(
-            found, layers=segmented, propagation=carried, box=report.box, score=SURELY, state=_state(report, frame)
+            found,
+            segmentation=segmented,
+            patch_tracker=carried,
+            box=report.box,
+            score=SURELY,
+            state=_state(report, frame),
         )
-    if track.propagation is None:
+    if track.patch_tracker is None:
         return track
-    carried = propagation.seek(track.propagation, frame, track.options)
+    carried = patch_tracker.seek(track.patch_tracker, frame, track.options)
     seen = carried.report
     if not seen.ok or seen.score < (SURELY if same else CERTAINLY):
-        return replace(track, propagation=carried)
-    segmented = layers.reseed(track.layers, frame, seen.box, LAYERS) if track.layers else None
-    choice = Choice(trusted=False) if track.layers else track.choice
+        return replace(track, patch_tracker=carried)
+    segmented = segmentation.reseed(track.segmentation, frame, seen.box, SEGMENTATION) if track.segmentation else None
+    choice = Choice(trusted=False) if track.segmentation else track.choice
     return replace(
-        found, layers=segmented, propagation=carried, choice=choice, box=seen.box, score=seen.score,
+        found, segmentation=segmented, patch_tracker=carried, choice=choice, box=seen.box, score=seen.score,
         state=_state(seen, frame),
     )  # fmt: skip
 
 
 def _choose(
-    track: _Track, segmented: LayersState, carried: PropagationState, choice: Choice, frame: Frame
-) -> tuple[PropagationState, Choice]:
+    track: _Track, segmented: SegmentationState, carried: PatchTrackerState, choice: Choice, frame: Frame
+) -> tuple[PatchTrackerState, Choice]:
     """Take the measurements of this frame into the choice; where it changes, see to the hand-over."""
-    if segmented is track.layers:  # not watched in this frame
+    if segmented is track.segmentation:  # not watched in this frame
         return carried, replace(choice, since=choice.since + 1)
     # A carried box that does not know where the object is does not know its size.
     witness = carried.report.score > SURE
@@ -469,12 +481,12 @@ def _choose(
     return carried, judged
 
 
-def _known(target: Target | None, segmented: LayersState | None, choice: Choice) -> Target | None:
+def _known(target: Target | None, segmented: SegmentationState | None, choice: Choice) -> Target | None:
     """What the object is known by: of frames in which it is surely segmented, or else of the first one."""
     if segmented is None or not segmented.report.ok:
         return target
     if target is None or (choice.trusted and segmented.report.score > SURE):
-        return sighting.describe(segmented, target)
+        return redetection.describe(segmented, target)
     return target
 
 
@@ -483,7 +495,7 @@ def _await(track: _Track, lost: _Track, frame: Frame, seen: Sighting | None) -> 
 
     When all of it is seen, segmentation begins anew there; until then both modes go on searching.
     """
-    if lost.layers is None or lost.propagation is None:
+    if lost.segmentation is None or lost.patch_tracker is None:
         return lost
     scene = _remembered(track, lost, frame)
     if seen is None:
@@ -491,39 +503,39 @@ def _await(track: _Track, lost: _Track, frame: Frame, seen: Sighting | None) -> 
     found = replace(lost, scene=scene, box=seen.box, score=SIGHTED, state="tracking")
     if seen.share < WHOLE:
         return found
-    segmented = layers.reseed(lost.layers, frame, seen.box, LAYERS)
-    carried = propagation.ride(lost.propagation, seen.box)
-    return replace(found, layers=segmented, propagation=carried, choice=Choice(), scene=None, score=SURE)
+    segmented = segmentation.reseed(lost.segmentation, frame, seen.box, SEGMENTATION)
+    carried = patch_tracker.ride(lost.patch_tracker, seen.box)
+    return replace(found, segmentation=segmented, patch_tracker=carried, choice=Choice(), scene=None, score=SURE)
 
 
 def _remembered(track: _Track, lost: _Track, frame: Frame) -> Scene | None:
     """The scene without the object: the frame in which it was lost."""
     if track.state != "tracking" or track.scene or not lost.target or lost.choice.unexplained >= UNDERSTOOD:
         return track.scene
-    return sighting.remember(frame, lost.target)
+    return redetection.remember(frame, lost.target)
 
 
 def _look(
     track: _Track, frame: Frame, seen: Sighting | None
-) -> tuple[LayersState | None, PropagationState | None, Choice]:
+) -> tuple[SegmentationState | None, PatchTrackerState | None, Choice]:
     """Both modes whole while the choice is young; then the one followed, and of the other what keeps it ready.
 
     Ready means: segmentation goes on learning the background round the carried box, which is also what its trust is
     measured on; the carried box rides on the segment.
     """
-    segmented, carried, choice = track.layers, track.propagation, track.choice
+    segmented, carried, choice = track.segmentation, track.patch_tracker, track.choice
     near = seen.box.centre if seen else None
     if segmented is None or carried is None or choice.frames < WITNESS_FRAMES:
         segmented = _segment(segmented, frame) if segmented else None
         carried = _turned(carried, segmented) if carried and segmented and segmented.report.ok else carried
-        carried = propagation.step(carried, frame, track.options, near=near) if carried else None
+        carried = patch_tracker.step(carried, frame, track.options, near=near) if carried else None
         if segmented and carried:
             choice = choice.asked(carried.report.score, agreement(segmented.report.box, carried.report.box))
         return segmented, carried, choice
     if not choice.trusted:
-        carried = propagation.step(carried, frame, track.options, near=near)
+        carried = patch_tracker.step(carried, frame, track.options, near=near)
         if choice.since % WATCH_EVERY == 0:
-            segmented = layers.watch(segmented, frame, carried.report.box, LAYERS)
+            segmented = segmentation.watch(segmented, frame, carried.report.box, SEGMENTATION)
         return segmented, carried, choice
     segmented = _segment(segmented, frame)
     if segmented.report.ok and not _believable(segmented.report.box, track.scene, seen, frame):
@@ -531,40 +543,44 @@ def _look(
     if segmented.report.ok:
         carried = _turned(carried, segmented)
         if choice.since % ASK_EVERY == 0:
-            asked = propagation.step(carried, frame, track.options)
+            asked = patch_tracker.step(carried, frame, track.options)
             choice = choice.asked(asked.report.score, agreement(segmented.report.box, asked.report.box))
             if choice.contradicted:
                 return segmented, asked, choice.carried_away
-        return segmented, propagation.ride(carried, segmented.report.box), choice
+        return segmented, patch_tracker.ride(carried, segmented.report.box), choice
     return _search(track, segmented, carried, frame, seen)
 
 
-def _turned(carried: PropagationState, segmented: LayersState) -> PropagationState:
+def _turned(carried: PatchTrackerState, segmented: SegmentationState) -> PatchTrackerState:
     """The carried box expects the object turned as segmentation sees it turn."""
-    return propagation.turned(carried, segmented.turn)
+    return patch_tracker.turned(carried, segmented.turn)
 
 
-def _segment(state: LayersState, frame: Frame) -> LayersState:
+def _segment(state: SegmentationState, frame: Frame) -> SegmentationState:
     """Follow the object by segmentation; where it is not where it was expected, find its layer again farther away."""
-    stepped = layers.step(state, frame, LAYERS)
+    stepped = segmentation.step(state, frame, SEGMENTATION)
     if stepped.report.ok or stepped.report.occluded or state.count < 3:
         return stepped
-    found = layers.relocate(state, frame, state.occlusion.coasting, LAYERS)
+    found = segmentation.relocate(state, frame, state.occlusion.coasting, SEGMENTATION)
     return stepped if found is None else found
 
 
 def _search(
-    track: _Track, segmented: LayersState, carried: PropagationState, frame: Frame, seen: Sighting | None
-) -> tuple[LayersState, PropagationState, Choice]:
+    track: _Track, segmented: SegmentationState, carried: PatchTrackerState, frame: Frame, seen: Sighting | None
+) -> tuple[SegmentationState, PatchTrackerState, Choice]:
     """Segmentation waits where the object was last; the carried box knows what it looks like and searches around.
 
     Where that finds it, segmentation begins anew, and has to earn its trust as after `init`.
     """
-    searching = propagation.step(carried, frame, track.options, near=seen.box.centre if seen else None)
+    searching = patch_tracker.step(carried, frame, track.options, near=seen.box.centre if seen else None)
     if searching.report.ok and not _believable(searching.report.box, track.scene, seen, frame):
-        return segmented, propagation.dismiss(carried, searching), track.choice
+        return segmented, patch_tracker.dismiss(carried, searching), track.choice
     if carried.report.lost and searching.report.ok:
-        return layers.reseed(segmented, frame, searching.report.box, LAYERS), searching, Choice(trusted=False)
+        return (
+            segmentation.reseed(segmented, frame, searching.report.box, SEGMENTATION),
+            searching,
+            Choice(trusted=False),
+        )
     return segmented, searching, track.choice
 
 
@@ -574,12 +590,12 @@ def _believable(box: Box, scene: Scene | None, seen: Sighting | None, frame: Fra
         return True
     if seen and seen.share > WHOLE and iou(seen.box, box) < 0.5:
         return False
-    return not sighting.foreign(scene, frame, box)
+    return not redetection.foreign(scene, frame, box)
 
 
 def _followed(
-    segmented: LayersState | None, carried: PropagationState | None, choice: Choice
-) -> LayersState | PropagationState:
+    segmented: SegmentationState | None, carried: PatchTrackerState | None, choice: Choice
+) -> SegmentationState | PatchTrackerState:
     """The mode that answers."""
     chosen = segmented if segmented and (choice.trusted or carried is None) else carried
     assert chosen is not None, "init starts at least one mode"
@@ -597,8 +613,8 @@ class _View(NamedTuple):
     mask: NDArray[np.bool_] | None
 
 
-def _view(state: LayersState | PropagationState) -> _View:
-    if isinstance(state, LayersState):
+def _view(state: SegmentationState | PatchTrackerState) -> _View:
+    if isinstance(state, SegmentationState):
         seen = state.report
         height, width = seen.current.shape
         window = Box(*seen.origin, width * seen.step, height * seen.step)
@@ -611,11 +627,11 @@ def _view(state: LayersState | PropagationState) -> _View:
     return _View(window, carried.step[0], previous, current, carried.flow, None)
 
 
-def _state(report: LayersReport | PropagationReport, frame: Frame) -> TrackerState:
+def _state(report: SegmentationReport | PatchTrackerReport, frame: Frame) -> TrackerState:
     inside = report.box.clip(frame.width, frame.height)
     if report.ok and min(inside.w, inside.h) >= 1.0:
         return "tracking"
-    return "occluded" if isinstance(report, LayersReport) and report.occluded else "lost"
+    return "occluded" if isinstance(report, SegmentationReport) and report.occluded else "lost"
 
 
 def TrackerHS_create(parameters: TrackerHS_Params | None = None) -> TrackerHS:

@@ -407,7 +407,7 @@ def test_rivals_and_parameters_catch_up(page: Page) -> None:
     )
     before = page.rows()["TrackerHS 1"][2]
     page.click("tracker-mode")
-    page.page.get_by_text("propagation", exact=True).click()
+    page.page.get_by_text("patch_tracker", exact=True).click()
     page.page.wait_for_function(
         """before => {
             const words = document.querySelector('[data-part=tracks]').innerText;

@@ -290,7 +290,7 @@ def test_parameters_act_on_the_whole_track(session: Session, square: tuple[Path,
     _, boxes = square
     session.start(boxes[0])
     session.go_to(9)
-    session.set_parameters(TrackerHS_Params(mode="propagation"))
+    session.set_parameters(TrackerHS_Params(mode="patch_tracker"))
     session.go_to(session.index)
     changed = table_csv(session.tracks[0])
     session.forget()
@@ -408,7 +408,7 @@ def test_the_program_finds_the_same_boxes(session: Session, square: tuple[Path, 
     path, boxes = square
     session.go_to(2)
     session.stage_params = StageParams(smoothness=7.0, iterations=30)
-    session.set_parameters(TrackerHS_Params(mode="layers"))
+    session.set_parameters(TrackerHS_Params(mode="segmentation"))
     session.start(boxes[2])
     session.go_to(COUNT - 1)
     session.go_to(5)

@@ -33,7 +33,7 @@ def work(number: int) -> Work:
     """A video of its own for each tracker, and a mode."""
     step = ((2, 1), (-1, 1), (1, 2), (0, 1))[number % 4]
     frames, boxes = moving_square(np.random.default_rng(number), step=step, side=24 + 2 * number)
-    return frames, boxes[0], ("auto", "layers", "propagation", "auto")[number % 4]
+    return frames, boxes[0], ("auto", "segmentation", "patch_tracker", "auto")[number % 4]
 
 
 def follow(job: Work) -> Result:

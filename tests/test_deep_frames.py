@@ -35,7 +35,7 @@ def _video(rng: np.random.Generator, dtype: Any, units: float, black: float) -> 
 
 
 @camera
-@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation", "patch_tracker"])
 def test_any_camera_is_followed(rng: np.random.Generator, mode: str, dtype: Any, units: float, black: float) -> None:
     """Every box of every mode lies on the object."""
     frames, boxes = _video(rng, dtype, units, black)
@@ -96,7 +96,7 @@ def test_a_gain_that_cannot_be_meant_is_refused(gain: float) -> None:
         TrackerHS_Params(gain=gain)
 
 
-@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation", "patch_tracker"])
 def test_bytes_have_a_range_of_their_own(rng: np.random.Generator, mode: str) -> None:
     """A gain for other frames changes nothing about 8-bit ones: they would leave the range that kernels count in."""
     frames, boxes = moving_square(rng)

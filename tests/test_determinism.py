@@ -84,13 +84,13 @@ def elsewhere(*arguments: str, python: str = sys.executable, **environment: str)
     return answer
 
 
-@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation", "patch_tracker"])
 def test_runs_are_equal_bit_by_bit(mode: str) -> None:
     """Nothing is random."""
     assert smoke(mode) == smoke(mode)
 
 
-@pytest.mark.parametrize("mode", ["layers", "propagation"])
+@pytest.mark.parametrize("mode", ["segmentation", "patch_tracker"])
 @pytest.mark.parametrize("size", [(23.5, 27.5), (32, 32), (21, 40), (44, 29), (18, 18), (37, 26)])
 def test_no_result_depends_on_where_an_array_lies(size: tuple[float, float], mode: str) -> None:
     """The last bits of some SIMD code (cv2.magnitude) depend on the address of its arrays; no state of ours does."""

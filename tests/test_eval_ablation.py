@@ -60,7 +60,7 @@ def follow(tracker: Any, frames: list[NDArray[np.uint8]]) -> list[Any]:
 
 def forget_solvers() -> None:
     """Drop the flow solvers that the modes keep per thread: they outlive the surgery."""
-    for module, name in (("layers.motion", "_LOCAL"), ("propagation.tracking", "_local")):
+    for module, name in (("segmentation.motion", "_LOCAL"), ("patch_tracker.tracking", "_local")):
         getattr(import_module(f"hs_tracker_cv.{module}"), name).__dict__.clear()
 
 
@@ -175,7 +175,7 @@ def test_the_command_prints_and_stores_a_table_with_a_column_per_kind(
         write_otb(render(replace(spec, name=name)), tmp_path / "real")
     (tmp_path / "names.txt").write_text("# chosen\nsecond\n\n", encoding="utf-8")
     arguments = ["ablate", "--suite", "drawn/small:1:4", "--dataset", f"otb:{tmp_path / 'real'}"]
-    arguments += ["--sequences", f"@{tmp_path / 'names.txt'}", "--frames", "6", "--parts", "layers-only"]
+    arguments += ["--sequences", f"@{tmp_path / 'names.txt'}", "--frames", "6", "--parts", "segmentation-only"]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     table = (tmp_path / "out" / "ablation" / "ablation.md").read_text(encoding="utf-8")
     assert "drawn-small-4 (1)" in table
@@ -183,7 +183,7 @@ def test_the_command_prints_and_stores_a_table_with_a_column_per_kind(
     assert "segmentation always" in table
     assert "segmentation always" in capfd.readouterr().out
     numbers = pd.read_csv(tmp_path / "out" / "ablation" / "ablation.csv")
-    assert set(numbers["part"]) == {WHOLE, "layers-only"}
+    assert set(numbers["part"]) == {WHOLE, "segmentation-only"}
 
 
 def test_a_list_of_names_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

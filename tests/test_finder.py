@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hs_tracker_cv._native import kernels
-from hs_tracker_cv.patches import Place
-from hs_tracker_cv.propagation import finder
-from hs_tracker_cv.propagation.finder import CELLS, Fade, Finder, Scene, Seen
+from hs_tracker_cv.patch_tracker import finder
+from hs_tracker_cv.patch_tracker.finder import CELLS, Fade, Finder, Scene, Seen
+from hs_tracker_cv.patch_tracker.patches import Place
 
 F32 = NDArray[np.float32]
 

@@ -23,7 +23,7 @@ def test_a_video_that_repeats_its_first_frame_is_followed(rng: np.random.Generat
     assert {step.state for step in done} == {"tracking"}
 
 
-@pytest.mark.parametrize("mode", ["layers", "propagation"])
+@pytest.mark.parametrize("mode", ["segmentation", "patch_tracker"])
 def test_the_parameters_reach_the_tracker(rng: np.random.Generator, mode: str) -> None:
     """The carried box has no mask, segmentation has one."""
     frames, boxes = moving_square(rng, count=3)
@@ -31,7 +31,7 @@ def test_the_parameters_reach_the_tracker(rng: np.random.Generator, mode: str) -
     *_, last = steps(iter(frames), Box(*boxes[0]), show=True, first=5, stride=3, parameters=parameters)
     assert last.index == 11
     assert last.fields is not None
-    assert (last.fields.mask is None) == (mode == "propagation")
+    assert (last.fields.mask is None) == (mode == "patch_tracker")
 
 
 def test_the_table_has_zeros_where_the_object_is_lost() -> None:

@@ -27,8 +27,8 @@ def test_defaults_round_trip() -> None:
 def test_fields_are_mutable_and_compare() -> None:
     """Like cv2's structs, fields are set one by one."""
     parameters = TrackerHS_Params()
-    parameters.mode = "layers"
-    assert parameters == TrackerHS_Params(mode="layers")
+    parameters.mode = "segmentation"
+    assert parameters == TrackerHS_Params(mode="segmentation")
     assert parameters != TrackerHS_Params()
 
 
@@ -50,16 +50,16 @@ def test_wrong_types_are_type_errors(value: Any) -> None:
 
 def test_values_out_of_range_name_the_choices() -> None:
     """The error lists what is allowed."""
-    with pytest.raises(ValueError, match="auto, layers, propagation"):
+    with pytest.raises(ValueError, match="auto, segmentation, patch_tracker"):
         TrackerHS_Params(mode="best")
 
 
 def test_the_tracker_copies_its_parameters() -> None:
     """Changing the struct afterwards does not reach the tracker."""
-    parameters = TrackerHS_Params(mode="layers")
+    parameters = TrackerHS_Params(mode="segmentation")
     tracker = TrackerHS_create(parameters)
-    parameters.mode = "propagation"
-    assert tracker.parameters == TrackerHS_Params(mode="layers")
+    parameters.mode = "patch_tracker"
+    assert tracker.parameters == TrackerHS_Params(mode="segmentation")
 
 
 @pytest.mark.parametrize("rotation", [False, True])
@@ -69,7 +69,7 @@ def test_rotation_is_followed_on_request(rotation: bool) -> None:
     ground, square = (
         cv2.GaussianBlur(rng.integers(0, 255, (side, side, 3), np.uint8), (0, 0), 2.0) for side in (240, 60)
     )
-    tracker = TrackerHS_create(TrackerHS_Params(mode="propagation", rotation=rotation))
+    tracker = TrackerHS_create(TrackerHS_Params(mode="patch_tracker", rotation=rotation))
     for degrees in range(0, 46):
         matrix = cv2.getRotationMatrix2D((29.5, 29.5), -degrees, 1.0)
         matrix[:, 2] += 90.0

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv import patches
-from hs_tracker_cv.patches import COLOURS, GRAYS, Place
-from hs_tracker_cv.propagation.kept import correlation
+from hs_tracker_cv.patch_tracker import patches
+from hs_tracker_cv.patch_tracker.patches import COLOURS, GRAYS, Place
+from hs_tracker_cv.patch_tracker.persistence import correlation
 
 SIDE = 64
 

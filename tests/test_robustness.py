@@ -482,8 +482,8 @@ def answers_of_the_library(kind: tuple[str, int], fill: str | None) -> list[Any]
         for index, frame in enumerate(video(*kind))
     ]
     told: list[Any] = []
-    for mode in ("auto", "layers", "propagation"):
-        tracker = TrackerHS_create(TrackerHS_Params(mode=mode, rotation=mode == "propagation"))
+    for mode in ("auto", "segmentation", "patch_tracker"):
+        tracker = TrackerHS_create(TrackerHS_Params(mode=mode, rotation=mode == "patch_tracker"))
         tracker.init(frames[0], tuple(np.array(ROI, np.longdouble)))
         for frame in frames[1:]:
             tracker.check(frame)
@@ -547,7 +547,7 @@ def test_every_kind_of_dropped_frame_is_answered(empty: Any) -> None:
     assert tracker.state == "tracking"
 
 
-@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation", "patch_tracker"])
 @pytest.mark.parametrize("fill", FILLS)
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 def test_a_whole_video_of_bad_pixels_is_answered(dtype: str, fill: str, mode: str) -> None:
@@ -561,7 +561,7 @@ def test_a_whole_video_of_bad_pixels_is_answered(dtype: str, fill: str, mode: st
     assert update(tracker, good[0]) == (True, ROI)
 
 
-@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation", "patch_tracker"])
 @pytest.mark.parametrize("roi", [(0, 0, 64, 48), (0, 0, 4, 4), (60, 44, 4, 4), (0, 20, 64, 4), (30, 0, 4, 48)])
 def test_rois_of_every_extreme_are_tracked_without_a_fault(roi: tuple[int, int, int, int], mode: str) -> None:
     """The whole frame, the smallest box in a corner, slivers: every frame is answered."""
@@ -582,7 +582,7 @@ def test_tiny_frames_are_tracked_without_a_fault(size: tuple[int, int]) -> None:
         assert ok or box == NOWHERE
 
 
-@pytest.mark.parametrize("mode", ["auto", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "patch_tracker"])
 @pytest.mark.parametrize("size", [(4, 40000), (40000, 4)])
 def test_a_box_as_thin_as_a_line_is_tracked_without_a_fault(size: tuple[int, int], mode: str) -> None:
     """A box ten thousand times as long as it is wide, as the whole of its frame, is answered like any other."""
@@ -635,7 +635,7 @@ def leaving(step: tuple[int, int], count: int = 16) -> list[NDArray[np.uint8]]:
     return frames
 
 
-@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation", "patch_tracker"])
 @pytest.mark.parametrize("step", [(5, 0), (-5, 0), (0, 5), (0, -5)])
 def test_a_track_goes_on_after_its_object_left_the_frame(step: tuple[int, int], mode: str) -> None:
     """With its object outside on any side, it still looks at every frame that comes."""
@@ -651,7 +651,7 @@ def test_a_track_goes_on_after_its_object_left_the_frame(step: tuple[int, int], 
     assert looked_at[0] != looked_at[1]
 
 
-@pytest.mark.parametrize("mode", ["auto", "layers"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation"])
 def test_a_gone_object_is_not_held_for_ever_in_a_video_without_noise(mode: str) -> None:
     """Frames that repeat bit by bit after the object went (a clean or compressed video) still end in False."""
     frames = video()

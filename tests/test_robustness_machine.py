@@ -38,7 +38,7 @@ ROIS = [ROI, (0, 0, 30, 30), (40.5, 20.5, 40.0, 40.0), (20, 20, 4, 4), (0, 0, 64
 class Twins(RuleBasedStateMachine):
     """`tracker` lives in the wild; `twin` gets fresh frames of the same video only, and is new after each init."""
 
-    @initialize(kind=st.sampled_from(KINDS), mode=st.sampled_from(["auto", "auto", "layers", "propagation"]))
+    @initialize(kind=st.sampled_from(KINDS), mode=st.sampled_from(["auto", "auto", "segmentation", "patch_tracker"]))
     def begin(self, kind: tuple[str, int], mode: str) -> None:
         """Make both; nothing is initialised yet."""
         self.kind = kind
@@ -144,7 +144,7 @@ class Twins(RuleBasedStateMachine):
         for value in vars(debug).values():
             if isinstance(value, np.ndarray) and value.flags.writeable:
                 value[...] = 0
-        self.tracker.parameters.mode = "layers"
+        self.tracker.parameters.mode = "segmentation"
 
     @invariant()
     def twins_are_equal(self) -> None:

@@ -52,7 +52,7 @@ def tracks() -> st.SearchStrategy[tuple[TrackerHS, list[NDArray[Any]]]]:
     """Trackers at all stages, and the video."""
     kinds = st.sampled_from([("uint8", 3), ("uint8", 1), ("uint16", 3)])
     stages = st.sampled_from([(0, 0), (1, 0), (5, 0), (9, 0), (6, 8)])
-    modes = st.sampled_from(["auto", "layers", "propagation"])
+    modes = st.sampled_from(["auto", "segmentation", "patch_tracker"])
     return st.builds(lambda kind, mode, stage: (track(kind, mode, *stage), video(*kind)), kinds, modes, stages)
 
 
@@ -238,7 +238,7 @@ def test_another_version_or_half_a_state_is_refused(state: Any, words: str) -> N
     assert known(tracker) == before
 
 
-@pytest.mark.parametrize("changes", [{"mode": "layers"}, {"mode": "propagation"}, {"rotation": True}])
+@pytest.mark.parametrize("changes", [{"mode": "segmentation"}, {"mode": "patch_tracker"}, {"rotation": True}])
 def test_a_track_belongs_to_its_parameters(changes: dict[str, Any]) -> None:
     """Parameters that ask for another mode than the track has are refused."""
     state = track(("uint8", 3), "auto", 1, 0).__getstate__()

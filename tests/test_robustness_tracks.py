@@ -68,7 +68,7 @@ def stories(draw: st.DrawFn) -> Story:
         camera=draw(st.sampled_from([0.0, 0.0, 1.0, 12.0])),
         noise=draw(st.sampled_from([0.0, 1.0, 10.0])),
         events=draw(st.lists(st.tuples(st.sampled_from(EVENTS), st.integers(1, 9)), min_size=1, max_size=6)),
-        mode=draw(st.sampled_from(["auto", "auto", "layers", "propagation"])),
+        mode=draw(st.sampled_from(["auto", "auto", "segmentation", "patch_tracker"])),
         rotation=draw(st.booleans()),
     )
 

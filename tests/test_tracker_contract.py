@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv import Box, TrackerHS, TrackerHS_create, TrackerHS_Params, layers, legacy
+from hs_tracker_cv import Box, TrackerHS, TrackerHS_create, TrackerHS_Params, legacy, segmentation
 from hs_tracker_cv.frames import InputError
 from hs_tracker_cv.geometry import iou
 from tests.conftest import BOX_IOU, moving_square
-from tests.test_layers import behind_wall
+from tests.test_segmentation import behind_wall
 
 NOWHERE = (0, 0, 0, 0)
 Frames = list[NDArray[np.uint8]]
@@ -44,7 +44,7 @@ def started(video: tuple[Frames, Boxes], **parameters: Any) -> TrackerHS:
     return tracker
 
 
-@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation", "patch_tracker"])
 def test_follows_a_moving_square(video: tuple[Frames, Boxes], mode: str) -> None:
     """The box stays on a textured mover in every mode, in frame coordinates, as Python ints."""
     tracker = started(video, mode=mode)
@@ -53,7 +53,7 @@ def test_follows_a_moving_square(video: tuple[Frames, Boxes], mode: str) -> None
         assert ok is True
         assert type(box) is tuple
         assert [type(value) for value in box] == [int] * 4
-        assert iou(Box(*box), Box(*truth)) > BOX_IOU * (1 if mode != "propagation" else 0.9)
+        assert iou(Box(*box), Box(*truth)) > BOX_IOU * (1 if mode != "patch_tracker" else 0.9)
 
 
 def test_init_returns_none_like_cv2(video: tuple[Frames, Boxes]) -> None:
@@ -306,7 +306,7 @@ def test_score_state_box_and_debug(video: tuple[Frames, Boxes]) -> None:
 
 def test_debug_shows_what_the_last_update_saw(video: tuple[Frames, Boxes]) -> None:
     """Window, derivatives, flow and mask are those of the last two frames: the paper's signs, the object's motion."""
-    tracker = started(video, mode="layers")
+    tracker = started(video, mode="segmentation")
     run(tracker, video[0][1:6])
     debug, (x, y, w, h) = tracker.debug(), video[1][5]
     assert debug.mask is not None
@@ -320,7 +320,7 @@ def test_debug_shows_what_the_last_update_saw(video: tuple[Frames, Boxes]) -> No
     np.testing.assert_allclose(np.linalg.norm(debug.normal_flow, axis=2)[steep], np.abs(along)[steep], rtol=0.05)
 
 
-@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation", "patch_tracker"])
 def test_a_loss_is_said_and_the_object_is_found_again(mode: str) -> None:
     """Gone: zeros, another state, a lower score, and no exception for as long as it takes. Back: the box is on it."""
     rng = np.random.default_rng(9)
@@ -341,7 +341,7 @@ def test_a_loss_is_said_and_the_object_is_found_again(mode: str) -> None:
     assert iou(Box(*back[-1][1]), Box(*boxes[-1])) > 0.6
 
 
-@pytest.mark.parametrize("mode", ["auto", "layers", "propagation"])
+@pytest.mark.parametrize("mode", ["auto", "segmentation", "patch_tracker"])
 def test_the_score_falls_before_the_loss(mode: str) -> None:
     """Going behind a wall, the object is given up after the score has warned, and is found on the other side."""
     frames, boxes, _ = behind_wall()
@@ -351,7 +351,7 @@ def test_the_score_falls_before_the_loss(mode: str) -> None:
     assert min(score for _, score, _ in told[:8]) > 0.9
     assert told[lost - 1][1] < 0.7
     assert told[lost][1] < told[lost - 1][1] + 0.05
-    assert mode == "propagation" or "occluded" in [state for _, _, state in told]
+    assert mode == "patch_tracker" or "occluded" in [state for _, _, state in told]
     assert all(ok and score > 0.9 and state == "tracking" for ok, score, state in told[-5:])
     assert iou(Box(*tracker.box or ()), boxes[-1]) > 0.85
 
@@ -364,13 +364,13 @@ def test_a_sure_carried_box_answers_where_segmentation_sees_nothing(
     tracker = TrackerHS()
     tracker.init(frames[0], boxes[0])
     tracker.update(frames[1])
-    step = layers.step
+    step = segmentation.step
 
-    def blind(state: layers.LayersState, *rest: Any) -> layers.LayersState:
+    def blind(state: segmentation.SegmentationState, *rest: Any) -> segmentation.SegmentationState:
         seen = step(state, *rest)
         return seen.replace(report=replace(seen.report, ok=False, lost=True, occluded=True, score=0.0))
 
-    monkeypatch.setattr(layers, "step", blind)
+    monkeypatch.setattr(segmentation, "step", blind)
     for frame, box in zip(frames[2:6], boxes[2:6], strict=True):
         ok, answer = tracker.update(frame)
         assert ok
@@ -470,7 +470,7 @@ class TestLegacy:
 
     def test_init_again_and_copies_work_as_without_legacy(self, video: tuple[Frames, Boxes]) -> None:
         """A second init forgets; pickle and deepcopy carry the track."""
-        tracker = legacy.TrackerHS_create(TrackerHS_Params(mode="layers"))
+        tracker = legacy.TrackerHS_create(TrackerHS_Params(mode="segmentation"))
         tracker.init(video[0][0], video[1][0])
         run(tracker, video[0][1:4])
         twins = [copy.deepcopy(tracker), pickle.loads(pickle.dumps(tracker))]

@@ -12,7 +12,7 @@ from hs_tracker_cv import HornSchunck, PaperMethod, TrackerHS_Params, draw
 from hs_tracker_cv.stages import StageParams
 
 HornSchunck("fast")
-TrackerHS_Params(mode="layers")
+TrackerHS_Params(mode="segmentation")
 StageParams(mode="classic")
 HornSchunck("fats")
 TrackerHS_Params(mode="layer")

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 try:
     from . import kernels
-    from .kernels import layers as _layers  # without the extension, the folder of stubs would pass for the module
+    from .kernels import (
+        segmentation as _segmentation,  # without the extension, the folder of stubs would pass for the module
+    )
 except ImportError as error:
     message = "hs_tracker_cv is not built for this Python: run `make native` in a checkout, or install the package"
     raise ImportError(f"{message} ({error})") from error
 
-assert _layers
+assert _segmentation
 
 __all__ = ["kernels"]

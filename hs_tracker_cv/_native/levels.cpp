@@ -10,12 +10,12 @@ namespace {
 
 const Level LEVELS[] = {
 #ifdef HS_X86
-    {"v2", 2, sweeps_v2, warping_v2, grids_v2, finder_v2, patches_v2, motion_fit_v2, persistence_v2, layers_v2},
-    {"v3", 3, sweeps_v3, warping_v3, grids_v3, finder_v3, patches_v3, motion_fit_v3, persistence_v3, layers_v3},
-    {"v4", 4, sweeps_v4, warping_v4, grids_v4, finder_v4, patches_v4, motion_fit_v4, persistence_v4, layers_v4},
+    {"v2", 2, sweeps_v2, warping_v2, grids_v2, finder_v2, patches_v2, motion_fit_v2, persistence_v2, segmentation_v2},
+    {"v3", 3, sweeps_v3, warping_v3, grids_v3, finder_v3, patches_v3, motion_fit_v3, persistence_v3, segmentation_v3},
+    {"v4", 4, sweeps_v4, warping_v4, grids_v4, finder_v4, patches_v4, motion_fit_v4, persistence_v4, segmentation_v4},
 #else
     {"plain", 1, sweeps_plain, warping_plain, grids_plain, finder_plain, patches_plain, motion_fit_plain,
-     persistence_plain, layers_plain},
+     persistence_plain, segmentation_plain},
 #endif
 };
 

@@ -3,10 +3,10 @@
 
 #include "finder.hpp"
 #include "grids.hpp"
-#include "layers/kernels.hpp"
 #include "motion_fit.hpp"
 #include "patches.hpp"
 #include "persistence.hpp"
+#include "segmentation/kernels.hpp"
 #include "sweeps.hpp"
 #include "warping.hpp"
 
@@ -26,7 +26,7 @@ struct Level {
     const PatchKernels &patches;
     const MotionFitKernels &motion_fit;
     const PersistenceKernels &persistence;
-    const LayerKernels &layers;
+    const SegmentationKernels &segmentation;
 };
 
 // Names of those that this processor can run, the most capable last.

@@ -2,10 +2,10 @@
 #include "cpu.hpp"
 #include "finder_bindings.hpp"
 #include "flow.hpp"
-#include "layers/bindings.hpp"
 #include "levels.hpp"
 #include "multigrid.hpp"
 #include "patch_bindings.hpp"
+#include "segmentation/bindings.hpp"
 #include "views.hpp"
 
 #include <nanobind/ndarray.h>
@@ -291,5 +291,5 @@ NB_MODULE(kernels, module) {
     bind_pyramid(module);
     bind_finder(module);
     bind_patch_tracker(module);
-    bind_layers(module);
+    bind_segmentation(module);
 }

@@ -1,0 +1,435 @@
+"""One frame of the carried box: find, carry, hold, judge, learn."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._native import kernels
+from ..flow import HornSchunck
+from ..frames import Frame
+from ..geometry import Box
+from . import finder as finders
+from .patches import COLOURS, GRAYS
+from .persistence import (
+    MASK_FLOOR,
+    Carried,
+    Followed,
+    body_weights,
+    carried_along,
+    coherence_with,
+    kept_share,
+    refreshed,
+)
+from .search import Found, find, look
+from .state import (
+    Geometry,
+    Model,
+    PatchTrackerParams,
+    PatchTrackerReport,
+    PatchTrackerState,
+    Pose,
+    box_at,
+    geometry_of,
+    jump_from,
+)
+from .view import View
+
+__all__ = ["dismiss", "ride", "seek", "start", "step", "turned"]
+
+F32 = NDArray[np.float32]
+
+_COLOUR_THRESHOLD = 2.0
+_KEY_MATCH = 0.7
+_MIN_SIDE = 6.0
+_CLEARLY = 0.1
+_RIDE_RATE = 0.03
+_MAX_TURN = 0.15
+_LEAST_TURN = 0.025  # rad per frame: less is within the error of its measurement, and within what the finder bears
+_ZOOMS = (0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.7)
+_GOOD, _UNSURE, _WEAK, _BAD = "good", "unsure", "weak", "bad"
+
+
+_local = threading.local()
+
+
+def _flow(a: F32, b: F32, params: PatchTrackerParams, levels: int) -> F32:
+    """Flow a → b by a solver of this thread; its workspace must not travel with the state."""
+    solvers = _local.__dict__.setdefault("solvers", {})
+    key = (params.preset, params.smoothness, levels, params.warps)
+    if key not in solvers:
+        solvers[key] = HornSchunck(
+            params.preset, smoothness=params.smoothness, levels=levels, warps=params.warps, gain=1.0, exposure=False
+        )
+    flow: F32 = solvers[key].calc(a, b, None)
+    return flow
+
+
+def start(frame: Frame, box: Box, params: PatchTrackerParams) -> PatchTrackerState:
+    """Learn the object in `box`.
+
+    Parameters
+    ----------
+    frame : Frame
+    box : Box
+        Frame px.
+    params : PatchTrackerParams
+
+    Returns
+    -------
+    PatchTrackerState
+    """
+    g = geometry_of(box, params)
+    pose = Pose(box.x + box.w / 2 - 0.5, box.y + box.h / 2 - 0.5, 1.0, 1.0)
+    view = View(frame, g, pose, g.weights[np.newaxis], None)
+    model = _first_model(view, g, pose)
+    patch = model.previous
+    report = PatchTrackerReport(
+        box, 0.0, True, 1.0, False, *_window(g, pose), patch, patch, np.zeros((*patch.shape, 2), np.float32), 1.0,
+        np.zeros_like(g.lattice.fade), 1.0, (1.0,), 1.0, _GOOD,
+    )  # fmt: skip
+    return PatchTrackerState(g, pose, (0.0, 0.0), model, 1.0, 1, 0, g.body, None, view.part, report)
+
+
+def _window(g: Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Origin and step of the fine patch at a pose."""
+    rows, columns = g.weights.shape
+    across, down = g.fine_step * pose.sx, g.fine_step * pose.sy
+    return (pose.cx + 0.5 - 0.5 * columns * across, pose.cy + 0.5 - 0.5 * rows * down), (across, down)
+
+
+def _first_model(view: View, g: Geometry, pose: Pose) -> Model:
+    fine, colours, histograms = view.fine(pose).gray, view.colours(pose), None
+    still, moving = np.zeros((*fine.shape, 2), np.float32), np.ones_like(fine)
+    means = np.stack((fine, still[:, :, 0], moving, np.float32(1.0 + MASK_FLOOR) * g.weights))
+    is_gray = len(colours) == 1
+    if is_gray or float(np.abs(colours[0] - colours[2]).mean()) > _COLOUR_THRESHOLD:
+        nothing = np.zeros((2, GRAYS if is_gray else COLOURS), np.float32)
+        histograms = view.learned_colours(pose, nothing, 1.0)
+    located = finders.start(view.scene(pose), g.lattice, histograms is not None and not is_gray)
+    return Model(fine, means, fine[np.newaxis], 0, histograms, located)
+
+
+def step(
+    state: PatchTrackerState, frame: Frame, params: PatchTrackerParams, *, near: tuple[float, float] | None = None
+) -> PatchTrackerState:
+    """Follow the object into the next frame.
+
+    Parameters
+    ----------
+    state : PatchTrackerState
+        Not changed.
+    frame : Frame
+    params : PatchTrackerParams
+    near : tuple of float, optional
+        Where else to look for it, it being lost; frame px.
+
+    Returns
+    -------
+    PatchTrackerState
+        Its `report` holds the box.
+    """
+    if near is not None:
+        state = state._replace(hint=state.pose._replace(cx=near[0] - 0.5, cy=near[1] - 0.5))
+    g, expected = state.geometry, state.pose.moved(*state.velocity)
+    view = View(frame, g, expected, state.model.templates, state.before)
+    found = find(state, view, expected, params)
+    carried = _carry(state, view, found, params)
+    pose, keys = _hold(state, view, frame, carried, found.seen.height, params)
+    pose = pose._replace(cx=found.pose.cx, cy=found.pose.cy)
+    verdict = _judge(state, frame, pose, expected, found.chance, max(keys), params)
+    kept, means, coarse, leap = state.kept, state.model.means, found.pose, jump_from(g, pose, expected) > params.far
+    tracking = state.low <= params.patience
+    if tracking and (leap or verdict != _GOOD):
+        stayed, coherence, kept = _continue(state, view, expected, params)
+        if kept_share(kept, g) > params.unsure:
+            # What goes on in the box has not leapt out of it.
+            if leap and coherence > coherence_with(state, view.fine(pose).gray) + _CLEARLY:
+                verdict, coarse = _UNSURE, stayed
+            elif verdict == _WEAK and found.chance > params.hopeless:
+                verdict = _UNSURE
+    if verdict == _GOOD:
+        seen = view.fine(pose).gray
+        kept, means = refreshed(state, carried.followed, found.pose, pose, seen, params)
+        if leap or not tracking:
+            kept = g.body
+    pose, velocity, low = _settle(state, pose, coarse, verdict, params)
+    lost, share = low > params.patience, kept_share(kept, g)
+    model = state.model if lost and verdict == _BAD else state.model._replace(previous=view.fine(pose).gray)
+    hint = found.pose if lost and verdict == _BAD else None
+    peak, good_frames = state.peak, state.good_frames
+    if verdict == _GOOD:
+        model = _learn(model, means, view, g, pose, carried.patch.agreement, max(keys), share, params)
+        good_frames += 1
+        peak += max(0.05, 1.0 / good_frames) * (found.seen.height - peak)
+    model = model._replace(located=finders.notice(model.located, found.seen.change))
+    # Without `rotation` the turn is only how the object is found: the box stays that of the first frame.
+    box = box_at(g, pose if params.rotation else pose._replace(angle=0.0))
+    report = PatchTrackerReport(
+        box, pose.angle, not lost, found.chance, lost, *_window(g, found.pose),
+        state.model.previous, carried.start.gray, carried.followed.flow, found.seen.height, found.seen.response,
+        carried.patch.agreement, tuple(keys), share, verdict,
+    )  # fmt: skip
+    return PatchTrackerState(g, pose, velocity, model, peak, good_frames, low, kept, hint, view.part, report)
+
+
+def _followed(
+    key: F32,
+    current: F32,
+    flow: F32,
+    prior: F32,
+    g: Geometry,
+    p: PatchTrackerParams,
+    separation: float,
+    likelihood: F32 | None = None,
+) -> Followed:
+    """What is fitted to the flow key → current; the colours of what was found there are a further weight."""
+    planes, ratio = np.empty((3, *prior.shape), np.float32), g.fine_step / g.coarse_step
+    *motion, apart = kernels.fit_motion(
+        key, current, flow, prior, likelihood, ratio, g.outside, p.rotation, separation, planes
+    )
+    return Followed(flow, planes, (motion[0], motion[1], motion[2], motion[3]), apart)
+
+
+def _applied(pose: Pose, followed: Followed, g: Geometry, limit: float) -> Pose:
+    right, down, growth, turn = followed.motion
+    moved = pose.shifted(g.fine_step * pose.sx * right, g.fine_step * pose.sy * down)
+    factor = 1.0 + min(max(growth, -limit), limit)
+    return Pose(
+        moved.cx, moved.cy, pose.sx * factor, pose.sy * factor, pose.angle + min(max(turn, -_MAX_TURN), _MAX_TURN)
+    )
+
+
+def _carry(state: PatchTrackerState, view: View, found: Found, p: PatchTrackerParams) -> Carried:
+    g, model, coarse = state.geometry, state.model, found.pose
+    start = view.fine(coarse)
+    likelihood = None if model.histograms is None else view.likelihood(coarse, model.histograms)
+    flow = _flow(model.previous, start.gray, p, p.levels)
+    followed = _followed(model.previous, start.gray, flow, model.means[3], g, p, p.separation, likelihood)
+    fine = _applied(coarse, followed, g, p.max_scale_step)
+    patch = view.fine(fine)
+    if patch.agreement < start.agreement - 0.02:
+        return Carried(coarse, start, followed, start)
+    trust = min(max((patch.agreement - 0.3) / 0.4, 0.0), 1.0)
+    cx, cy = coarse.cx + trust * (fine.cx - coarse.cx), coarse.cy + trust * (fine.cy - coarse.cy)
+    return Carried(Pose(cx, cy, *fine[2:]), patch, followed, start)
+
+
+def _continue(state: PatchTrackerState, view: View, expected: Pose, p: PatchTrackerParams) -> tuple[Pose, float, F32]:
+    """Where the content of the box went, how well that can be followed, and how much of it is kept there.
+
+    Neither filter nor keyframes are asked: what they were taught is not what is seen.
+    """
+    g, model = state.geometry, state.model
+    current = view.fine(expected).gray
+    prior = g.weights * (np.float32(MASK_FLOOR) + model.means[2]) * body_weights(state)
+    flow = _flow(model.previous, current, p, p.levels)
+    followed = _followed(model.previous, current, flow, prior, g, p, p.separation)
+    pose = _applied(expected, followed, g, 0.0)
+    patch = view.fine(pose).gray
+    before, coherence = coherence_with(state, current), coherence_with(state, patch)
+    if coherence < before - 0.02:
+        pose, patch, coherence = expected, current, before
+    kept = carried_along(state, followed, expected, pose, patch, p)
+    return pose, coherence, kept * np.float32(min(max(1.5 * coherence / p.coherent - 0.5, 0.0), 1.0))
+
+
+def _hold(
+    state: PatchTrackerState, view: View, frame: Frame, carried: Carried, height: float, p: PatchTrackerParams
+) -> tuple[Pose, list[float]]:
+    """Pose drawn half-way to the best keyframe, and the agreement with each keyframe."""
+    g, pose, scores = state.geometry, carried.pose, list(carried.patch.keys)
+    best, found = scores.index(max(scores)), None
+    candidate, score = _registered(state, view, best, carried.patch.gray, pose, carried.followed.planes[2], p)
+    if score > scores[best]:
+        scores[best], found = score, candidate if score > _KEY_MATCH else None
+    if scores[0] < p.reset_below:
+        # Only the first keyframe's size is what the user drew.
+        other = pose.scaled(_ZOOMS[(state.good_frames + state.low) % len(_ZOOMS)])
+        reset, score = _registered(state, view, 0, view.fine(other).gray, other, g.weights, p)
+        # A patch of a few blurred edges fits in many sizes; what surrounds it does not.
+        if score > max(p.reset_match, scores[0] + p.reset_gain) and (
+            look(state, view, reset, reset, 0.0).seen.height > p.reset_level * height
+        ):
+            scores[0] = score
+            return reset, scores
+    if found is not None:
+        pose = pose.moved(0.5 * (found.cx - pose.cx), 0.5 * (found.cy - pose.cy))
+        pose = pose.scaled(math.sqrt(found.sx / pose.sx)).turned(0.5 * (found.angle - pose.angle))
+    return _gate_scale(pose, state.pose, max(carried.patch.agreement, *scores), g, frame), scores
+
+
+def _registered(
+    state: PatchTrackerState, view: View, key: int, current: F32, pose: Pose, prior: F32, p: PatchTrackerParams
+) -> tuple[Pose, float]:
+    """Pose to which the flow from a keyframe leads, and the agreement there; `current` is the patch at `pose`."""
+    g, patch = state.geometry, state.model.keys[key]
+    followed = _followed(patch, current, _flow(patch, current, p, p.key_levels), prior, g, p, -1.0)
+    candidate = _applied(pose, followed, g, p.max_key_scale)
+    return candidate, view.fine(candidate).keys[key]
+
+
+def _gate_scale(pose: Pose, old: Pose, agreement: float, g: Geometry, frame: Frame) -> Pose:
+    factor = (pose.sx / old.sx) ** min(max((agreement - 0.5) / 0.4, 0.0), 1.0)
+    side = math.sqrt(g.w * g.h * old.sx * old.sy) * factor
+    if not _MIN_SIDE <= side <= 0.9 * max(frame.width, frame.height):
+        factor = 1.0
+    return Pose(pose.cx, pose.cy, old.sx * factor, old.sy * factor, pose.angle)
+
+
+def _judge(
+    state: PatchTrackerState,
+    frame: Frame,
+    pose: Pose,
+    expected: Pose,
+    chance: float,
+    best_key: float,
+    p: PatchTrackerParams,
+) -> str:
+    """Believe the pose and learn, only follow, or reject it.
+
+    `chance` is that of the pose's overlap with the object by more than half, `best_key` the agreement with the best
+    keyframe.
+    """
+    jump = jump_from(state.geometry, pose, expected)
+    if _visible(box_at(state.geometry, pose), frame) < 0.2:
+        return _BAD
+    if jump < p.far and state.low <= p.patience:
+        believed = chance > p.sure
+    else:
+        believed = chance > p.far_sure and best_key > p.far_match
+    if believed:
+        return _GOOD
+    if jump >= p.near or chance < p.follow:
+        return _BAD
+    return _UNSURE if chance > p.doubt and state.low <= p.patience else _WEAK
+
+
+def _visible(box: Box, frame: Frame) -> float:
+    """Share of a box inside the frame."""
+    return box.clip(frame.width, frame.height).area / box.area
+
+
+def _settle(
+    state: PatchTrackerState, pose: Pose, coarse: Pose, verdict: str, p: PatchTrackerParams
+) -> tuple[Pose, tuple[float, float], int]:
+    """Pose and velocity to carry on with, and for how many frames the agreement has been bad."""
+    old, (vx, vy) = state.pose, state.velocity
+    if verdict == _GOOD:
+        if state.low > p.patience:
+            return pose, (vx, vy), 0
+        rate = p.velocity_rate
+        return pose, (vx + rate * (pose.cx - old.cx - vx), vy + rate * (pose.cy - old.cy - vy)), 0
+    if verdict in (_UNSURE, _WEAK):
+        low = 1 if verdict == _UNSURE else state.low + 1
+        return old._replace(cx=coarse.cx, cy=coarse.cy), (0.5 * vx, 0.5 * vy), low
+    low = state.low + 1
+    if low > p.patience:
+        return old, (0.0, 0.0), low
+    return old.moved(vx, vy), (0.5 * vx, 0.5 * vy), low
+
+
+def _learn(
+    model: Model,
+    means: F32,
+    view: View,
+    g: Geometry,
+    pose: Pose,
+    agreement: float,
+    best_key: float,
+    kept: float,
+    p: PatchTrackerParams,
+) -> Model:
+    histograms = model.histograms
+    located = finders.learn(model.located, view.scene(pose))
+    if histograms is not None:
+        histograms = view.learned_colours(pose, histograms, p.colour_rate)
+    keys, age = model.keys, model.key_age + 1
+    if best_key < _KEY_MATCH and agreement > 0.6 and kept >= p.new_key and age >= p.key_gap:
+        keys, age = np.stack((keys[0], *keys[1:][2 - p.keys :], model.previous)), 0
+    return Model(model.previous, means, keys, age, histograms, located)
+
+
+def ride(state: PatchTrackerState, box: Box) -> PatchTrackerState:
+    """Follow a box found by other means, without a look at the frame: what was learned stays as it is.
+
+    The size follows slowly: another mode's box shrinks while its object goes out of sight, which is when this one
+    is needed.
+
+    Parameters
+    ----------
+    state : PatchTrackerState
+        Not changed.
+    box : Box
+        Frame px; its shape may differ from the first one's.
+
+    Returns
+    -------
+    PatchTrackerState
+        At rest in the middle of `box`, not lost.
+    """
+    g, old = state.geometry, state.pose
+    across, down = box.w / g.w, box.h / g.h
+    if old.angle != 0.0:  # upright boxes of a turned object have other sides; their diagonal stays
+        across = down = math.hypot(box.w, box.h) / math.hypot(g.w, g.h)
+    pose = old._replace(
+        cx=box.x + box.w / 2 - 0.5,
+        cy=box.y + box.h / 2 - 0.5,
+        sx=old.sx + _RIDE_RATE * (across - old.sx),
+        sy=old.sy + _RIDE_RATE * (down - old.sy),
+    )
+    report = state.report._replace(box=box, ok=True, lost=False)
+    return state._replace(pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, hint=None, report=report)
+
+
+def seek(state: PatchTrackerState, frame: Frame, params: PatchTrackerParams) -> PatchTrackerState:
+    """Look for the object all over the frame, whether or not it was lost before.
+
+    Parameters
+    ----------
+    state : PatchTrackerState
+        Not changed.
+    frame : Frame
+    params : PatchTrackerParams
+
+    Returns
+    -------
+    PatchTrackerState
+    """
+    return step(state._replace(velocity=(0.0, 0.0), low=max(state.low, params.patience + 1)), frame, params)
+
+
+def turned(state: PatchTrackerState, angle: float) -> PatchTrackerState:
+    """Expect the object turned, as another mode has seen it turn; whether it has is found out in the next `step`.
+
+    Parameters
+    ----------
+    state : PatchTrackerState
+        Not changed.
+    angle : float
+        Since the last frame, radians from x towards y.
+
+    Returns
+    -------
+    PatchTrackerState
+    """
+    return state._replace(pose=state.pose.turned(angle)) if abs(angle) >= _LEAST_TURN else state
+
+
+def dismiss(before: PatchTrackerState, after: PatchTrackerState) -> PatchTrackerState:
+    """The state after a frame in which what it found turned out to be something else: still searching.
+
+    Parameters
+    ----------
+    before, after : PatchTrackerState
+        Searching, and found by mistake.
+
+    Returns
+    -------
+    PatchTrackerState
+    """
+    report = after.report._replace(box=before.report.box, ok=False, lost=True, score=0.0)
+    return before._replace(low=before.low + 1, report=report)

@@ -1,0 +1,23 @@
+"""The two-layer model: the object's motion and the background's as two hypotheses per pixel.
+
+A mask of the object is carried from frame to frame by the flow; a memory of the background says what has changed.
+Everything is a pure function from one frozen state to the next.
+"""
+
+from __future__ import annotations
+
+from .relocation import relocate
+from .state import SegmentationParams, SegmentationReport, SegmentationState
+from .tracking import belongs, reseed, start, step, watch
+
+__all__ = [
+    "SegmentationParams",
+    "SegmentationReport",
+    "SegmentationState",
+    "belongs",
+    "relocate",
+    "reseed",
+    "start",
+    "step",
+    "watch",
+]

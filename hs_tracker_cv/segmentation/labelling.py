@@ -1,0 +1,229 @@
+"""Which pixels are the object: both layers as expected in this frame, the evidence for each, the mask."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._native.kernels.segmentation import evidence, label, warp_and_score
+from ..geometry import Box
+from . import mask as masks
+from . import motion
+from .state import Image, Plane, SegmentationParams, SegmentationState
+from .window import View, shifted, shifted_mask, translated
+
+__all__ = ["Expected", "Labels", "assign", "displace", "expect", "expect_nothing", "weigh"]
+
+_TAU_OBJECT = 0.35  # object layer: error per unit of gradient, px
+_TAU_WHOLE, _TAU_FRACTION = 0.15, 0.3  # background: camera on whole pixels or between
+_ROOM = 4  # px
+_SURELY = 3.0  # log-odds from which a pixel was the object and no ground was seen there
+_NOWHERE = 1e4  # gray levels: unlike anything
+_KAPPA_COLOUR = 1.8  # three channels tell more than one, but not three times as much
+
+
+class _Gains(NamedTuple):
+    """Local changes of brightness believed, from and to: of the background (in shadow or light) and of the object."""
+
+    ground: tuple[float, float] = (0.35, 2.5)
+    obj: tuple[float, float] = (0.6, 1.7)
+
+
+_GAINS = _Gains()
+
+
+class _Steps(NamedTuple):
+    """How far the object may grow in a frame, px; the share of the mask that must be left when its edge is cut."""
+
+    growth: int = 4
+    left: float = 0.6
+
+
+_STEPS = _Steps()
+
+
+class Expected(NamedTuple):
+    """Both layers as they should look in this frame.
+
+    background : image of the background memory.
+    moved, carried : the last frame, moved by the camera and by the object's motion.
+    odds, own, shape, obj : the object's log-odds, {odds > 0}, shape and image, moved by its motion.
+    part : (x0, y0, x1, y1), where `obj` and `carried` are known; nothing outside can be the object but what is new.
+    """
+
+    background: Image
+    moved: Image
+    carried: Image
+    odds: Plane
+    own: masks.Mask
+    shape: Plane
+    obj: Image
+    part: NDArray[np.int64]
+
+
+class Evidence(NamedTuple):
+    """Planes (4, h, w) of `evidence`, where something is new, and how much of the object looks as it did."""
+
+    errors: NDArray[np.float32]
+    fresh: masks.Mask
+    alike: float
+
+
+class Labels(NamedTuple):
+    """Mask of the object, log-odds behind it (with and without the edge and component steps), errors, colour bins."""
+
+    mask: masks.Mask
+    odds: Plane
+    raw: Plane
+    errors: NDArray[np.float32]
+    distractor: masks.Mask | None
+    bins: NDArray[np.int16]
+
+
+class Sight(NamedTuple):
+    """What is visible of the object.
+
+    Inside the frame the pixels of the remembered shape, those of them in the mask, and those of the mask; and the
+    mask's box, window px: where the largest of the odds per row or column crosses zero.
+    """
+
+    area: int
+    both: int
+    seen: int
+    box: Box | None
+
+
+def expect(state: SegmentationState, view: View, moves: motion.Moves) -> tuple[Expected, Evidence]:
+    """Move both layers to this frame, and weigh there what it shows."""
+    h, w = state.odds.shape
+    hidden = state.occlusion.occluded or state.occlusion.coasting > 0 or state.occlusion.suspected > 0
+    # it may be looked for elsewhere, or be told from a second mover
+    everywhere = hidden or state.distractor is not None
+    expected = Expected(
+        background=translated(moves.atlas.image, *moves.atlas.offset),
+        moved=_ground_of_last(state, moves),
+        carried=np.empty_like(state.previous),
+        odds=np.empty_like(state.odds),
+        own=np.empty((h, w), np.uint8),
+        shape=np.empty_like(state.shape),
+        obj=np.empty_like(state.obj),
+        part=_whole(h, w) if everywhere else _reach(moves, h, w),
+    )
+    errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
+    alike = warp_and_score(
+        state.previous, state.obj, state.odds, state.shape, motion.inverse_matrix(moves.theta, moves.grid),
+        everywhere, view.image, expected.background, expected.moved, _counts(moves), expected.part, view.inside,
+        _likelihood(state, view, moves), expected.carried, expected.obj, expected.odds, expected.shape, expected.own,
+        errors, fresh,
+    )  # fmt: skip
+    return expected, Evidence(errors, fresh, alike)
+
+
+def _ground_of_last(state: SegmentationState, moves: motion.Moves) -> Image:
+    """The last frame moved by the camera, and nothing where the object surely was: no ground was seen there."""
+    moved = translated(state.previous, *moves.camera)
+    sure = state.odds > _SURELY
+    if not sure.any():
+        return moved
+    dx, dy = (-round(speed) for speed in moves.camera)
+    hidden = shifted_mask(sure.view(np.uint8), dx, dy, state.odds.shape) if (dx, dy) != (0, 0) else sure
+    return np.where(hidden[:, :, np.newaxis] != 0, np.float32(_NOWHERE), moved)
+
+
+def expect_nothing(state: SegmentationState, view: View, moves: motion.Moves, odds: Plane) -> Expected:
+    """Move the background alone; the object is where `odds` says and looks as it looks."""
+    return Expected(
+        background=translated(moves.atlas.image, *moves.atlas.offset),
+        moved=translated(state.previous, *moves.camera),
+        carried=view.image,
+        odds=odds,
+        own=(odds > 0).view(np.uint8),
+        shape=(odds > 0).astype(np.float32),
+        obj=view.image,
+        part=_whole(*odds.shape),
+    )
+
+
+def _whole(h: int, w: int) -> NDArray[np.int64]:
+    return np.array((0, 0, w, h), np.int64)
+
+
+def _reach(moves: motion.Moves, h: int, w: int) -> NDArray[np.int64]:
+    """Rectangle of what may be the object, with room for gradients and for sums over 5 × 5 pixels."""
+    x0, y0, x1, y1 = motion.where_to(moves.extent, moves.theta, moves.grid)
+    x0, x1 = min(max(int(x0) - _ROOM, 0), w), min(max(int(x1) + _ROOM + 1, 0), w)
+    y0, y1 = min(max(int(y0) - _ROOM, 0), h), min(max(int(y1) + _ROOM + 1, 0), h)
+    return np.array((x0, y0, max(x0, x1), max(y0, y1)), np.int64)
+
+
+def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
+    """Move the object's part by whole pixels."""
+    dx, dy = -shift[0], -shift[1]
+    h, w = expected.odds.shape
+    return expected._replace(
+        own=shifted_mask(expected.own, dx, dy, (h, w)),
+        odds=shifted(expected.odds, dx, dy, (h, w), -3.0),
+        shape=shifted(expected.shape, dx, dy, (h, w), 0.0),
+        obj=shifted(expected.obj, dx, dy, (h, w), 0.0),
+        carried=shifted(expected.carried, dx, dy, (h, w), 0.0),
+        part=_whole(h, w),
+    )
+
+
+def weigh(state: SegmentationState, view: View, expected: Expected, moves: motion.Moves) -> Evidence:
+    """Evidence per pixel; see `evidence`."""
+    h, w = view.gray.shape
+    errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
+    alike = evidence(
+        view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
+        _counts(moves), expected.part, view.inside, _likelihood(state, view, moves), errors, fresh,
+    )  # fmt: skip
+    return Evidence(errors, fresh, alike)
+
+
+def _counts(moves: motion.Moves) -> NDArray[np.float32]:
+    """How well the evidence may take the background to be known."""
+    return moves.atlas.counts
+
+
+def _likelihood(state: SegmentationState, view: View, moves: motion.Moves) -> NDArray[np.float32]:
+    """Numbers of the likelihoods, as `evidence` wants them."""
+    tau = _TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else _TAU_FRACTION
+    kappa = _KAPPA_COLOUR if view.colour else 1.0
+    occluded = float(state.occlusion.occluded)
+    gains = (*_GAINS.ground, *_GAINS.obj)
+    return np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise, *gains), np.float32)
+
+
+def in_front(state: SegmentationState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask | None:
+    """Where the distractor of the last frame hides the object in this one."""
+    return masks.follow_distractor(
+        state.distractor, moves.flow, state.previous, view.image, expected.obj, state.noise
+    )
+
+
+def assign(
+    state: SegmentationState,
+    view: View,
+    expected: Expected,
+    moves: motion.Moves,
+    seen: Evidence,
+    hiding: masks.Mask | None,
+    params: SegmentationParams,
+) -> tuple[Labels, Sight]:
+    """Mask of the object from the evidence, which is changed where the object grows or something else arrives."""
+    h, w = view.gray.shape
+    mask, foreign = np.empty((h, w), np.uint8), np.empty((h, w), np.uint8)
+    raw, odds, bins = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w), np.int16)
+    # what comes out from behind something may be the object itself
+    emerging = bool(state.occlusion.occluded or state.occlusion.coasting)
+    others, area, both, visible, *edges = label(
+        view.image, expected.background, moves.atlas.counts, expected.odds, expected.own, expected.shape, seen.errors,
+        seen.fresh, state.distractor, hiding, emerging, state.colours,
+        params.colour_weight, state.noise, _STEPS.growth, state.count <= 2, _STEPS.left, view.inside, bins,
+        raw, odds, mask, foreign,
+    )  # fmt: skip
+    box = Box.from_edges(*edges) if edges[0] < edges[2] else None
+    return Labels(mask, odds, raw, seen.errors, foreign if others else None, bins), Sight(area, both, visible, box)

@@ -1,0 +1,170 @@
+"""What is remembered: seeded from a box, learned from a frame, moved into the next window."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .._native.kernels.segmentation import KNOWN, bin_colours, learn, move_object
+from . import background as ground
+from . import colour, motion
+from .labelling import Expected, Labels
+from .state import Atlas, Image, Plane, SegmentationState
+from .window import Picture, View, shifted_mask, transformed, translated
+
+__all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
+
+# The 85th percentile of |I − B|, not the median: compression leaves most pixels alone and errs badly near edges. The
+# factor is that of the median (1.3) where both tell the same, in Gaussian noise.
+_SPREAD_TO_NOISE = 1.3 / 1.54
+_NOISE_RANGE = (1.2, 14.0)
+_COLOUR_RATE = 0.1
+_YOUNG = 12  # frames in which the shape is still learned fast
+
+
+class Seed(NamedTuple):
+    """What a box alone tells about a window."""
+
+    odds: Plane
+    shape: Plane
+    atlas: Atlas
+    colours: NDArray[np.float32]
+    bins: NDArray[np.int16]
+
+
+class Learned(NamedTuple):
+    """What a frame has taught, and how well the background explained it."""
+
+    odds: Plane
+    shape: Plane
+    obj: Image
+    atlas: Atlas
+    colours: NDArray[np.float32]
+    noise: float
+    unexplained: float
+
+
+def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int, int]) -> Seed:
+    """Log-odds, shape, background and colours from a box (lattice px): its ellipse is object, round it is ground."""
+    h, w, _ = image.shape
+    x = np.abs(np.arange(w) + 0.5 + origin[0] - box[0] - box[2] / 2) / (box[2] / 2)
+    y = (np.abs(np.arange(h) + 0.5 + origin[1] - box[1] - box[3] / 2) / (box[3] / 2))[:, np.newaxis]
+    square = np.maximum(x, y)
+    ellipse = np.sqrt(x * x + y * y)
+    odds = np.full((h, w), -3.0, np.float32)
+    odds[square <= 1.12] = -2.0
+    odds[square <= 1.0] = 0.4
+    odds[ellipse <= 0.95] = 1.0
+    counts = np.zeros((3, h, w), np.float32)
+    counts[0] = np.where(square > 1.0, KNOWN, np.float32(0.0))
+    bins = np.empty((h, w), np.int16)
+    bin_colours(image, bins)
+    tally = [np.bincount(bins[where], minlength=colour.BINS) for where in (ellipse <= 0.9, square > 1.0)]
+    colours = colour.histograms(np.array(tally, np.float32))
+    return Seed(odds, (odds > 0).astype(np.float32), Atlas(image, counts), colours, bins)
+
+
+def learn_frame(
+    state: SegmentationState,
+    view: View,
+    moves: motion.Moves,
+    expected: Expected,
+    labels: Labels,
+    *,
+    hidden: bool,
+    suspected: bool,
+) -> Learned:
+    """Update every memory from a labelled frame.
+
+    Parameters
+    ----------
+    state : SegmentationState
+    view, moves, expected, labels
+        What is known of the frame.
+    hidden : bool
+        The object is covered: its shape is kept, and its image learned only where it is surely seen.
+    suspected : bool
+        It may be about to be: its shape is kept.
+    """
+    atlas = moves.atlas
+    aligned = translated(view.image, -atlas.offset[0], -atlas.offset[1])
+    h, w = view.gray.shape
+    odds, shape = np.empty((h, w), np.float32), np.empty((h, w), np.float32)
+    obj, picture, counts = np.empty_like(expected.obj), np.empty_like(atlas.image), np.empty_like(atlas.counts)
+    colours = np.empty_like(state.colours)
+    rate = max(_COLOUR_RATE, 1.0 / (state.count + 2))  # the ground in a box just drawn is soon forgotten
+    known, strange, spread = learn(
+        view.image, aligned, labels.mask, expected.own, labels.distractor,
+        labels.odds, labels.raw, expected.odds, expected.obj, expected.shape, labels.errors, labels.bins, atlas.image,
+        atlas.counts, expected.part, view.inside, 0.3 if state.count < _YOUNG else 0.08, hidden or suspected, hidden,
+        state.colours, 0.0 if hidden else rate, odds, obj, shape, picture, counts, colours,
+    )  # fmt: skip
+    if hidden:
+        odds = np.clip(8.0 * (expected.shape - np.float32(0.5)), -2.0, 1.0).astype(np.float32)
+    noise = state.noise
+    if spread >= 0:
+        low, high = _NOISE_RANGE
+        change = min(max(_SPREAD_TO_NOISE * spread, low), high) - noise
+        # too low a first guess would make the whole background look new, so it is corrected at once
+        noise += change * (max(0.2, 1.0 / (state.count + 1)) if change > 0 else 0.2)
+    learned = Atlas(picture, counts, atlas.offset)
+    return Learned(odds, shape, obj, learned, colours, noise, strange / max(known, 1))
+
+
+def move(state: SegmentationState, picture: Picture, origin: tuple[int, int]) -> SegmentationState:
+    """State in another window, of which `picture` is the frame just seen."""
+    dx, dy = origin[0] - state.origin[0], origin[1] - state.origin[1]
+    image, gray = picture
+    if (dx, dy) == (0, 0) and gray.shape == state.odds.shape:
+        return state.replace(previous=image, gray=gray)
+    h, w = gray.shape
+    odds, shape, obj = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w, 3), np.float32)
+    move_object(dx, dy, state.odds, state.shape, state.obj, odds, shape, obj)
+    return state.replace(
+        origin=origin,
+        previous=image,
+        gray=gray,
+        odds=odds,
+        shape=shape,
+        obj=obj,
+        distractor=None if state.distractor is None else shifted_mask(state.distractor, dx, dy, gray.shape),
+        visible=None if state.visible is None else shifted_mask(state.visible, dx, dy, gray.shape),
+        atlas=ground.move(state.atlas, dx, dy, image, odds),
+    )
+
+
+def rescale(state: SegmentationState, step: int) -> SegmentationState:
+    """State on a lattice of another step: an object that has grown or shrunk keeps the cost of a frame bounded."""
+    ratio = state.step / step
+    h, w = (int(np.ceil(side * ratio)) for side in state.odds.shape)
+    origin = (round(state.origin[0] * ratio), round(state.origin[1] * ratio))
+    shift = [(old + 0.5) * ratio - 0.5 - new for old, new in zip(state.origin, origin, strict=True)]
+    nearest = np.array(((ratio, 0.0, shift[0]), (0.0, ratio, shift[1])))
+
+    def resample(array: NDArray[np.float32]) -> NDArray[np.float32]:
+        return transformed(array, (ratio, 0.0, shift[0], 0.0, ratio, shift[1]), (h, w))
+
+    def pick(array: NDArray[Any]) -> NDArray[Any]:
+        out = cv2.warpAffine(array, nearest, (w, h), flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+        return np.ascontiguousarray(out)
+
+    counts = np.stack([pick(plane) for plane in state.atlas.counts])
+    offset = (state.atlas.offset[0] * ratio, state.atlas.offset[1] * ratio)
+    x, y, box_w, box_h = (side * ratio for side in state.box)
+    return state.replace(
+        step=step,
+        origin=origin,
+        box=(x, y, box_w, box_h),
+        velocity=(state.velocity[0] * ratio, state.velocity[1] * ratio),
+        camera=(state.camera[0] * ratio, state.camera[1] * ratio),
+        odds=resample(state.odds),
+        shape=resample(state.shape),
+        obj=resample(state.obj),
+        distractor=None if state.distractor is None else pick(state.distractor),
+        visible=None if state.visible is None else pick(state.visible),
+        atlas=Atlas(resample(state.atlas.image), counts, offset),
+        occlusion=state.occlusion.rescaled(ratio),
+    )

@@ -1,0 +1,129 @@
+"""The rule that chooses the mode."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hs_tracker_cv.arbitration import WITNESS_FRAMES, Choice, agreement, judge, size_difference
+from hs_tracker_cv.geometry import Box
+
+shares = st.floats(0, 1)
+differences = st.floats(0, 3)
+
+
+def after(count: int, unexplained: float, difference: float = 0.0, choice: Choice | None = None) -> Choice:
+    """The choice after the same measurements `count` times."""
+    choice = (choice or Choice()).asked(1.0, 0.8)
+    for _ in range(count):
+        choice = judge(choice, unexplained, difference)
+    return choice
+
+
+@pytest.mark.parametrize(
+    ("unexplained", "difference", "trusted"),
+    [
+        (0.0, 0.0, True),  # all explained, sizes agree: the laboratory
+        (0.05, 0.0, True),  # compressed video, a good segment
+        (0.05, 0.4, False),  # the same background, but the segment is not what was drawn
+        (0.0, 0.4, True),  # an object that changes its shape before an explained background
+        (0.8, 0.0, False),  # nothing of the background is explained
+    ],
+)
+def test_both_measurements_count(unexplained: float, difference: float, trusted: bool) -> None:
+    """Segmentation is left when the background is unexplained or the size disagrees, each in view of the other."""
+    assert after(30, unexplained, difference).trusted is trusted
+
+
+def test_no_switch_on_the_first_frames() -> None:
+    """Five frames are too few to leave segmentation."""
+    assert after(5, 1.0, 2.0).trusted
+    assert not after(6, 1.0, 2.0).trusted
+
+
+def test_the_witness_is_heard_only_while_it_is_young() -> None:
+    """Sizes that part later change nothing."""
+    choice = after(WITNESS_FRAMES, 0.05, 0.0)
+    assert after(100, 0.05, 2.0, choice).size_difference == choice.size_difference == 0.0
+
+
+def test_constants_are_reported_as_they_are() -> None:
+    """The running means of constants are the constants."""
+    choice = after(30, 0.25, 0.3)
+    assert choice.unexplained == pytest.approx(0.25)
+    assert choice.size_difference == pytest.approx(0.3)
+
+
+def test_trust_comes_back_with_the_background() -> None:
+    """A passer-by ends trust for a while, not for ever."""
+    distrusted = after(40, 0.9)
+    assert not distrusted.trusted
+    assert after(200, 0.0, 0.0, distrusted).trusted
+
+
+@given(st.lists(st.tuples(shares, differences), max_size=40))
+def test_a_switch_needs_doubt_and_restarts_the_count(values: list[tuple[float, float]]) -> None:
+    """Trust changes only where the doubt has passed zero by the hysteresis; `since` restarts at each change."""
+    choice = Choice()
+    for value in values:
+        following = judge(choice, *value)
+        if following.trusted != choice.trusted:
+            assert following.since == 0
+            assert (following.doubt > 0) is choice.trusted
+        else:
+            assert following.since == choice.since + 1
+        choice = following
+
+
+@given(st.floats(1, 500), st.floats(1, 500), st.floats(0.2, 5))
+def test_size_difference_is_symmetric_and_free_of_scale(w: float, h: float, factor: float) -> None:
+    """Neither the order of the boxes nor the size of the picture matters."""
+    a, b = Box(0, 0, 10 * w, 10 * h), Box(3, 4, 12 * w, 7 * h)
+    assert size_difference(a, b) == pytest.approx(size_difference(b, a))
+    scaled = [Box(0, 0, box.w * factor, box.h * factor) for box in (a, b)]
+    assert size_difference(*scaled) == pytest.approx(size_difference(a, b))
+
+
+@pytest.mark.parametrize("shift", [0.0, 5.0, 10.0, 20.0])
+def test_agreement_of_equal_boxes_falls_with_their_distance(shift: float) -> None:
+    """Boxes of one size a third of their side apart agree by one half, whichever measure is taken."""
+    assert agreement(Box(0, 0, 30, 30), Box(shift, 0, 30, 30)) == pytest.approx(
+        max(1.0 - shift / 20.0, (30.0 - shift) / (30.0 + shift))
+    )
+
+
+def test_a_bar_that_turns_agrees_with_itself() -> None:
+    """Upright boxes round a bar lying and standing: the same place, and the same size."""
+    lying, standing = Box.from_centre(50, 50, 40, 8), Box.from_centre(50, 50, 8, 40)
+    assert agreement(lying, standing) == 1.0
+    assert size_difference(lying, standing) == 0.0
+
+
+def test_a_sure_carried_box_elsewhere_is_followed() -> None:
+    """A segment that is contradicted is left, one that is confirmed is not."""
+    for chance, place, trusted in ((0.9, 0.1, False), (0.9, 0.9, True), (0.4, 0.1, True)):
+        choice = Choice()
+        for _ in range(10):
+            choice = judge(choice.asked(chance, place), 0.01, None)
+        assert choice.trusted is trusted
+
+
+def test_doubt_alone_leaves_a_segment_to_a_carried_box_that_is_likely_right_only() -> None:
+    """Where nobody knows where the object is, nothing is handed over; nor where both say the same place."""
+    for chance, agreed, trusted in ((0.9, 0.8, False), (0.3, 0.8, True), (0.9, 0.95, True)):
+        choice = Choice()
+        for _ in range(10):
+            choice = judge(choice.asked(chance, agreed), 0.5, None)
+        assert choice.trusted is trusted
+
+
+def test_belief_rises_with_all_that_speaks_for_a_segment() -> None:
+    """Monotone in its own score, in the chance of the carried box that agrees, and in the agreement."""
+    likely = Choice(log_unexplained=-3.0).asked(0.9, 0.9)
+    assert likely.belief(0.9) > likely.belief(0.3)
+    assert likely.belief(0.9) > likely.asked(0.1, 0.9).belief(0.9)
+    assert likely.belief(0.9) > likely.asked(0.9, 0.2).belief(0.9)
+    assert likely.belief(0.9) > replace(likely, log_unexplained=0.0).belief(0.9)
