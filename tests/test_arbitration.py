@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from hs_tracker_cv.arbitration import WITNESS_FRAMES, Choice, agreement, judge, size_difference
 from hs_tracker_cv.geometry import Box
 
+pytestmark = pytest.mark.once
+
 shares = st.floats(0, 1)
 differences = st.floats(0, 3)
 

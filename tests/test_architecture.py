@@ -12,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).resolve().parents[1]
+TESTS = Path(__file__).parent
 FORBIDDEN = {
     "hs_tracker_cv": {"eval", "datasets_synthetic", "pandas", "joblib"},
     "datasets_synthetic": {"eval", "hs_tracker_cv", "pandas"},
@@ -81,7 +84,7 @@ def test_every_public_name_exists() -> None:
 
 
 def test_both_versions_of_opencv_are_tested() -> None:
-    """`make test-matrix` runs the tests in an environment of each, and continuous integration runs that."""
+    """`make test-matrix` runs tests in an environment of each, and continuous integration runs that."""
     if shutil.which("make") is None:
         pytest.skip("no make on this machine")
     answer = subprocess.run(["make", "-n", "test-matrix"], capture_output=True, text=True, check=True, cwd=ROOT)
@@ -108,4 +111,36 @@ def test_the_oldest_that_is_promised_is_tested() -> None:
     for name, version in promised:
         assert f'"{name}=={version}.*' in answer.stdout
     assert ".venv-oldest/bin/python -m pytest" in answer.stdout
-    assert "\nmake test-oldest\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert "\nmake test-oldest " in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+def test_what_is_tested_once_is_no_work_of_opencvs() -> None:
+    """A file of tests marked `once` imports of the library only what does not import cv2, and nobody's tracker."""
+    files = [
+        path for path in TESTS.glob("test_*.py") if "\npytestmark = pytest.mark.once\n" in path.read_text("utf-8")
+    ]
+    assert len(files) > 10
+    wrong = {path.name: names for path in files if (names := [name for name in modules(path) if uses_opencv(name)])}
+    assert not wrong
+
+
+def modules(path: Path) -> Iterator[str]:
+    """Full names of what a file imports at its top."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            inner = [f"{node.module}.{alias.name}" for alias in node.names]
+            yield from (
+                name if ROOT.joinpath(*name.split(".")).with_suffix(".py").exists() else node.module for name in inner
+            )
+
+
+def uses_opencv(name: str) -> bool:
+    """Whether a module is of the library and asks OpenCV, or holds trackers or methods of flow."""
+    if name.startswith(("eval.baselines", "eval.flow")):
+        return True
+    if name.split(".")[0] != "hs_tracker_cv" or name.startswith("hs_tracker_cv._native"):
+        return False
+    path = ROOT.joinpath(*name.split(".")).with_suffix(".py")
+    return not path.exists() or "cv2" in imported(path)

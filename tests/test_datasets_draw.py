@@ -17,6 +17,8 @@ from datasets_synthetic import SUITES, SequenceSpec, canonical, draw, draw_mixed
 from datasets_synthetic.pose import stage_of
 from datasets_synthetic.themes import NUISANCES, THEMES
 
+pytestmark = pytest.mark.once
+
 GONE = {"leaves", "full_occlusion", "empty", "blank"}
 """Themes whose target may be out of sight altogether."""
 

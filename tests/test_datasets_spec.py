@@ -24,6 +24,8 @@ from datasets_synthetic.shapes import SHAPES
 from datasets_synthetic.spec import Actor, Blank, Camera, Deform, Effect, Motion, Path, Scene, Shadow, Texture
 from datasets_synthetic.textures import PHOTOGRAPHS, TEXTURES, paint, sample
 
+pytestmark = pytest.mark.once
+
 STILL = Motion(Path("hold", (50, 50)))
 
 

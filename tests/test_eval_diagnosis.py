@@ -22,6 +22,8 @@ from eval.sequences import Sequence
 from eval.statistics import ScoredRun, score_frames
 from eval.tables import summarise_folder
 
+pytestmark = pytest.mark.once
+
 COUNT, SIZE = 40, (96, 72)
 JUMP = 17
 COLOURS = {"Jumps": "#d55e00", "Exact": "#0072b2"}

@@ -23,6 +23,8 @@ from eval.sequences import Sequence, SequenceError, canonical_suite, load_suite,
 from eval.statistics import calibration_error, overall
 from eval.tables import overall_table, summarise_folder, theme_table, worst_table
 
+pytestmark = pytest.mark.once
+
 COUNT = 21
 HALF = 10  # frames of which a score is sure, and right
 TINY = "drawn/small:2:5"

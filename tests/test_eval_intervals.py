@@ -18,6 +18,8 @@ from eval.intervals import (
     sign_flip_p,
 )
 
+pytestmark = pytest.mark.once
+
 Draw = Callable[[np.random.Generator, int], np.ndarray]
 
 

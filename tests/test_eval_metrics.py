@@ -22,6 +22,8 @@ from eval.metrics import (
     summarise,
 )
 
+pytestmark = pytest.mark.once
+
 SIZE = (64, 48)
 WHOLE = st.integers(-10, 70)
 SIDE = st.integers(1, 40)

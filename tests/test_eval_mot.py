@@ -13,6 +13,8 @@ from eval.mot.command import write_answers, write_truth
 from eval.mot.score import COLUMNS, Answers, combined, scored
 from eval.mot.trackers import NearestBox, make_tracker
 
+pytestmark = pytest.mark.once
+
 pytest.importorskip("trackeval")
 
 SIZE = (200, 100)

@@ -28,6 +28,8 @@ from eval.speed import measure_speed
 from eval.trackers import TrackerSpec
 from eval.wire import GarbledError, read_message, write_message
 
+pytestmark = pytest.mark.once
+
 COUNT = 6
 
 CHEATS = '''

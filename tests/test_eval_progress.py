@@ -10,6 +10,8 @@ from rich.console import Console
 from eval import progress
 from eval.progress import Steps
 
+pytestmark = pytest.mark.once
+
 
 def test_lines_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """In a file there is a line now and then with what is done so far, and one at the end."""

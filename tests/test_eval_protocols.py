@@ -26,6 +26,8 @@ from eval.tables import protocol_text, summarise_folder, write_tables
 from eval.track import Track
 from eval.trackers import TRACKERS, TrackerSpec
 
+pytestmark = pytest.mark.once
+
 COUNT, SIZE = 40, (96, 72)
 SECONDS = 0.001  # what everything takes
 

@@ -34,6 +34,8 @@ from eval.statistics import (
 )
 from eval.tables import Summary, overall_table, sequence_table, speed_overall_text, summarise_folder, write_tables
 
+pytestmark = pytest.mark.once
+
 COUNT, SIZE = 20, (96, 72)
 STAMP = {
     "tracker": "a:b",

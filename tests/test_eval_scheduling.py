@@ -26,6 +26,8 @@ from eval.scheduling import in_parallel
 from eval.sequences import Sequence
 from eval.trackers import TrackerSpec, find_tracker
 
+pytestmark = pytest.mark.once
+
 ODD_TRACKERS = '''
 import os, random
 import cv2, numpy as np

@@ -9,6 +9,8 @@ from numpy.testing import assert_array_equal
 from eval.sequences import load_suite
 from eval.truthfiles import SequenceError
 
+pytestmark = pytest.mark.once
+
 
 def test_a_suite_is_rendered_once_and_is_what_the_laboratory_drew() -> None:
     """From the cache come the same bytes, and they are those of ``render``."""

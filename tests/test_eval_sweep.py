@@ -18,6 +18,8 @@ from eval.results import COMPLETED, Run, Trajectory
 from eval.sequences import Sequence, SequenceError
 from eval.sweep import Grid, sweep_sequences, sweep_table, sweep_text
 
+pytestmark = pytest.mark.once
+
 DRAWS = "drawn:8:3"
 COUNT = 21
 

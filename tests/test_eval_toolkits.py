@@ -22,6 +22,8 @@ from eval.protocols import PROTOCOLS, Box, Step
 from eval.results import COMPLETED, Run, Trajectory
 from eval.sequences import Sequence as EvalSequence
 
+pytestmark = pytest.mark.once
+
 AGREE = 1e-4
 """Largest difference of a figure: got10k stores boxes with three decimals."""
 

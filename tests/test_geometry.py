@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from hs_tracker_cv.geometry import Box, box_from_mask, iou
 
+pytestmark = pytest.mark.once
+
 coordinates = st.integers(-20, 20)
 sizes = st.integers(1, 25)
 boxes = st.builds(Box, coordinates, coordinates, sizes, sizes)

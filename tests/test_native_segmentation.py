@@ -11,6 +11,8 @@ import pytest
 from hs_tracker_cv._native import kernels
 from hs_tracker_cv._native.kernels import segmentation
 
+pytestmark = pytest.mark.once
+
 H, W = 21, 37  # not a whole number of blocks
 GRID = (18.0, 10.0, 8.0, 100.0)
 Arguments = dict[str, Any]

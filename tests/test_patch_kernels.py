@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from hs_tracker_cv._native import kernels
 
+pytestmark = pytest.mark.once
+
 H, W = 20, 23
 PLACE: dict[str, Any] = {"x": 11.3, "y": 9.2, "step_x": 1.3, "step_y": 1.1, "angle": 0.0}
 

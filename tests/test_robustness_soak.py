@@ -10,6 +10,8 @@ from benchmarks import concurrency, fuzz
 from benchmarks import soak as soaking
 from benchmarks.soak import GROWTH, Soaked, soak
 
+pytestmark = pytest.mark.once
+
 FAULTY = """
 import os, signal, time
 from hypothesis import given, settings, strategies as st

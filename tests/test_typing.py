@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.once
+
 PROGRAM = """
 from hs_tracker_cv import HornSchunck, PaperMethod, TrackerHS_Params, draw
 from hs_tracker_cv.stages import StageParams

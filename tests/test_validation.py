@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from hs_tracker_cv.validation import LARGEST, Shape, Within, shown, validate
 
+pytestmark = pytest.mark.once
+
 Plane = Annotated[NDArray[np.float32], Shape("h", "w")]
 
 
