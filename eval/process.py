@@ -74,7 +74,7 @@ class Limits:
     megabytes : float
         Resident memory.
     processes : int
-        At any time.
+        At any time. With 1 it may start threads, but no other process: then its processor time is known to the last.
     paths : tuple of str
         Files and folders, besides its own code, that it may read and write: weights, for example. What is hidden
         stays so.
@@ -152,8 +152,9 @@ class Child:
         self._printed = tempfile.TemporaryFile()
         try:
             # Whoever can draw a suite knows its truth.
-            laboratory = (Path(entry or ".").absolute() / "datasets_synthetic" for entry in sys.path)
-            self._process, self._leash = self._start([*map(Path, hidden), *laboratory])
+            laboratory = [Path(entry or ".").absolute() / "datasets_synthetic" for entry in sys.path]
+            there = [place for place in laboratory if place.exists()]
+            self._process, self._leash = self._start([*map(Path, hidden), *there])
         except BaseException:
             self._release()
             raise
@@ -183,9 +184,10 @@ class Child:
         leash, ours = os.pipe()
         rules = self._make_rules(hidden)
         handed = (leash, *(() if rules is None else (rules,)))
+        numbers = leash, -1 if rules is None else rules, int(self._limits.processes == 1)
         try:
             process = subprocess.Popen(
-                [sys.executable, "-m", "eval.supervisor", str(leash), str(-1 if rules is None else rules)],
+                [sys.executable, "-m", "eval.supervisor", *map(str, numbers)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._printed,
@@ -234,13 +236,13 @@ class Child:
         return answer
 
     def _exchange(self, content: Mapping[str, Any], arrays: Arrays, seconds: float) -> Answer:
-        start, busy = time.perf_counter(), self._processor_seconds()
+        start, busy = time.perf_counter(), self.processor_seconds()
         self._deadline = time.monotonic() + seconds
         alone = False
         try:
             write_message(self._requests, content, arrays)
             found, parts = read_message(self._answers)
-            return Answer(found, parts, time.perf_counter() - start, self._processor_seconds() - busy)
+            return Answer(found, parts, time.perf_counter() - start, self.processor_seconds() - busy)
         except GarbledError:
             self._reason = self._reason or "wrote among its own answers"
         except (EOFError, OSError, ValueError):  # a ValueError of a pipe that is closed on our side
@@ -269,13 +271,15 @@ class Child:
             self.close()
             raise ChildError(self._reason)
 
-    def transport(self) -> tuple[float, float]:
-        """Time that an exchange takes by itself, that passed and of the child's processor, s: medians."""
-        answers = [self.ask({"do": "nothing"}) for _ in range(_NOTHINGS)]
-        return float(np.median([one.wall for one in answers])), float(np.median([one.cpu for one in answers]))
+    def transport(self, arrays: Arrays = ()) -> float:
+        """Processor time of the child that an exchange takes by itself, s: a median."""
+        return float(np.median([self.ask({"do": "nothing"}, arrays).cpu for _ in range(_NOTHINGS)]))
 
-    def _processor_seconds(self) -> float:
-        """Processor time of the worker and all its threads, ns exact; it cannot tell us anything else."""
+    def processor_seconds(self) -> float:
+        """Processor time of the worker and all its threads, ns exact; it cannot tell us anything else.
+
+        NaN where the system does not tell, or it has ended.
+        """
         if not (self._worker and sys.platform.startswith("linux")):
             return float("nan")
         try:
@@ -403,14 +407,31 @@ def _megabytes(tree: list[psutil.Process]) -> float:
                 total += process.memory_full_info().pss
             else:
                 total += _own_bytes(process.pid)
-    return total / 2**20
+    return (total + _unmapped_bytes(tree)) / 2**20
 
 
 def _own_bytes(process: int) -> int:
     """Resident memory without the pages of files; what a process could share with others (``mmap``) is its own."""
+    return _status_bytes(process, "RssAnon:", "RssShmem:")
+
+
+def _status_bytes(process: int, *names: str) -> int:
     lines = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace").splitlines()
-    sizes = [line.split()[1] for line in lines if line.startswith(("RssAnon:", "RssShmem:"))]
-    return 1024 * sum(map(int, sizes))
+    return 1024 * sum(int(line.split()[1]) for line in lines if line.startswith(names))
+
+
+def _unmapped_bytes(tree: list[psutil.Process]) -> int:
+    """Files in memory (``memfd_create``) that are open, beyond what of such is mapped and counted there."""
+    mapped, files = 0, {}
+    for process in tree:
+        with contextlib.suppress(OSError):
+            mapped += _status_bytes(process.pid, "RssShmem:")
+            for place in Path(f"/proc/{process.pid}/fd").iterdir():
+                with contextlib.suppress(OSError):
+                    if os.readlink(place).startswith("/memfd:"):
+                        found = place.stat()
+                        files[found.st_dev, found.st_ino] = 512 * found.st_blocks
+    return max(sum(files.values()) - mapped, 0)
 
 
 def _death(code: int, complaint: str) -> str:

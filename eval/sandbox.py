@@ -3,12 +3,15 @@
 On Linux this is Landlock (kernel 5.13 and later; no privilege is needed): the kernel refuses to open every file that
 is not on a list, in the child and in all that it starts, and refuses them the memory and the open files of processes
 outside. Elsewhere nothing is refused; then a child is protected from the truth only by not being told where it is.
+
+What is timed starts no process either, whose time would be nobody's (:func:`forbid_processes`, a filter of calls).
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import functools
 import os
 import sys
@@ -16,7 +19,9 @@ import sysconfig
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-__all__ = ["available", "confine", "device_paths", "make_ruleset", "readable_paths", "visible_paths"]
+__all__ = [
+    "available", "confine", "device_paths", "forbid_processes", "make_ruleset", "readable_paths", "visible_paths",
+]  # fmt: skip
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446  # system calls, the same on every architecture
 _VERSION_FLAG, _RULE_PATH_BENEATH, _SET_NO_NEW_PRIVS = 1, 1, 38
@@ -26,9 +31,18 @@ _REFER, _TRUNCATE = 1 << 13, 1 << 14  # since versions 2 and 3
 _SCOPES = 0b11  # since version 6: no signals and no abstract sockets to processes outside
 
 _SYSTEM = ("/bin", "/sbin", "/usr", "/lib", "/lib32", "/lib64", "/etc", "/opt", "/nix", "/gnu", "/proc", "/sys")
-_DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom", "/dev/shm", "/dev/dri")
+_DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom", "/dev/dri")
+# Not /dev/shm: files there are memory that belongs to no process, and stay when all of them have ended.
 _SITES = {"site-packages", "dist-packages"}
 _MODULES = {".py", ".pyc", ".so", ".pyd", ".zip", ".egg", ".pth"}
+
+# Linux's numbers by machine: of the architecture, and of the calls that make a process (clone, fork, vfork); where
+# the latter two do not exist, a number that no call has.
+_ARCHITECTURES = {"x86_64": (0xC000003E, 56, 57, 58), "aarch64": (0xC00000B7, 220, 0x3FFFFFFF, 0x3FFFFFFF)}
+_CLONE3, _CLONE_THREAD, _OTHER_CALLS = 435, 0x10000, 0x40000000  # the last: those of x32 on x86-64
+_SET_SECCOMP, _MODE_FILTER = 22, 2
+_LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06  # of a filter (linux/bpf_common.h)
+_ALLOW, _REFUSE = 0x7FFF0000, 0x00050000
 
 
 class _Ruleset(ctypes.Structure):
@@ -38,6 +52,19 @@ class _Ruleset(ctypes.Structure):
 class _PathBeneath(ctypes.Structure):
     _pack_ = 1
     _fields_ = (("access", ctypes.c_uint64), ("parent", ctypes.c_int32))
+
+
+class _Instruction(ctypes.Structure):
+    _fields_ = (
+        ("code", ctypes.c_uint16),
+        ("yes", ctypes.c_uint8),
+        ("no", ctypes.c_uint8),
+        ("value", ctypes.c_uint32),
+    )
+
+
+class _Program(ctypes.Structure):
+    _fields_ = (("length", ctypes.c_uint16), ("instructions", ctypes.POINTER(_Instruction)))
 
 
 @functools.cache
@@ -114,10 +141,49 @@ def confine(ruleset: int) -> None:
     OSError
         If the system refuses.
     """
-    if _libc().prctl(_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0:
+    _control(_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
+    _call(_RESTRICT_SELF, ruleset, 0)
+
+
+def forbid_processes() -> None:
+    """Let this process start threads, but no process, for good: the kernel answers that it is not permitted.
+
+    Nothing is forbidden where the system has no such filters.
+
+    Raises
+    ------
+    OSError
+        If the system refuses.
+    """
+    if not sys.platform.startswith("linux") or os.uname().machine not in _ARCHITECTURES or sys.maxsize < 2**32:
+        return
+    architecture, clone, fork, vfork = _ARCHITECTURES[os.uname().machine]
+    unknown, refused = _REFUSE | errno.ENOSYS, _REFUSE | errno.EPERM
+    # Jumps are relative: to how many instructions later when it is so, and when it is not.
+    rows = [
+        (_LOAD, 0, 0, 4),  # the architecture
+        (_EQUAL, 0, 9, architecture),
+        (_LOAD, 0, 0, 0),  # the number of the call
+        (_AT_LEAST, 7, 0, _OTHER_CALLS),
+        (_EQUAL, 6, 0, _CLONE3),  # what it asks for cannot be seen; who is told that there is none asks by clone
+        (_EQUAL, 6, 0, fork),
+        (_EQUAL, 5, 0, vfork),
+        (_EQUAL, 0, 2, clone),
+        (_LOAD, 0, 0, 16),  # its first argument
+        (_ANY_BIT, 0, 2, _CLONE_THREAD),
+        (_RETURN, 0, 0, _ALLOW),
+        (_RETURN, 0, 0, unknown),
+        (_RETURN, 0, 0, refused),
+    ]
+    program = _Program(len(rows), (_Instruction * len(rows))(*rows))
+    _control(_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
+    _control(_SET_SECCOMP, _MODE_FILTER, ctypes.byref(program), 0, 0)
+
+
+def _control(*arguments: object) -> None:
+    if _libc().prctl(*arguments) != 0:
         code = ctypes.get_errno()
         raise OSError(code, os.strerror(code))
-    _call(_RESTRICT_SELF, ruleset, 0)
 
 
 def readable_paths(hidden: Iterable[Path]) -> list[Path]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -33,7 +34,7 @@ BLOCK = 10
 what the user of a single tracker sees, whose caches are his own: after a single update of each other tracker they
 are filled with what those have left there, which costs a fast tracker the greatest share of its time."""
 
-_PROTOCOL = "3"  # part of every key of a timing pass: raise it when what is measured changes
+_PROTOCOL = "4"  # part of every key of a timing pass: raise it when what is measured changes
 
 
 def measure_speed(
@@ -51,6 +52,7 @@ def measure_speed(
 
     What counts is the processor time of the tracker's process, all its threads together: on a quiet machine that is
     the time that passes, and on a busy one it does not grow with what others do. The time that passed is kept too.
+    A tracker that starts a process while it is timed is refused it, and fails.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ def measure_speed(
     block : int, optional
         Updates of one tracker before it is the next one's turn.
     limits : Limits, optional
-        For a single update.
+        For a single update; the number of processes is 1.
     report : callable
         Called with each result and whether it was reused.
     """
@@ -169,12 +171,15 @@ class _Turns:
     def _open(self, tracker: TrackerSpec, first: NDArray[Any]) -> None:
         name = tracker.name
         if name not in self._workers or not self._workers[name][0].running():
-            child = Child(TRACK, with_parameters(self._limits, tracker), hidden=self._hidden)
-            self._workers[name] = child, Clock(child)
-        child, _ = self._workers[name]
+            # Without processes of its own: the clock is that of one.
+            limits = replace(with_parameters(self._limits, tracker), processes=1)
+            child = Child(TRACK, limits, hidden=self._hidden)
+            self._workers[name] = child, Clock(child, first)
+        child, clock = self._workers[name]
         child.ask(open_request(Job(tracker, self._sequence)))
         child.ask({"do": "frame"}, [first])
         child.ask({"do": "init", "box": start_box(self._sequence, 0)})
+        clock.begin(first)
 
     def _update(self, name: str, block: list[NDArray[Any]], counts: bool) -> None:
         child, clock = self._workers[name]

@@ -1,9 +1,9 @@
 """The first process of a child: it starts the worker, and ends whatever the worker leaves behind.
 
-Run as ``python -m eval.supervisor LEASH RULES`` by :mod:`eval.process` and by nobody else; both are numbers of file
-descriptors. Every process that the worker starts becomes a child of this one when its own parent ends, in whatever
-session it is (``PR_SET_CHILD_SUBREAPER``, Linux), so that none can stay. When the leash is let go, because the runner
-wants it or because it is gone, all of them end. It ends as its worker did: with the same code or the same signal.
+Run as ``python -m eval.supervisor LEASH RULES ALONE`` by :mod:`eval.process` and by nobody else; the first two are
+numbers of file descriptors. Every process that the worker starts becomes a child of this one when its own parent ends,
+in whatever session it is (``PR_SET_CHILD_SUBREAPER``, Linux), so that none can stay. When the leash is let go, because
+the runner wants it or because it is gone, all of them end. It ends as its worker did: with the same code or signal.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SET_CHILD_SUBREAPER = 36
 _AGAIN_SECONDS = 0.01
 
 
-def main(leash: int, rules: int) -> None:
+def main(leash: int, rules: int, alone: int) -> None:
     """Start the worker in a process of its own and see it end.
 
     Parameters
@@ -35,6 +35,8 @@ def main(leash: int, rules: int) -> None:
         File descriptor at whose end everything ends.
     rules : int
         File descriptor of the sandbox's rules, or −1.
+    alone : int
+        1 if the worker may start no process.
     """
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
@@ -42,7 +44,7 @@ def main(leash: int, rules: int) -> None:
     if worker == 0:
         os.setsid()
         os.close(leash)
-        _work(rules)
+        _work(rules, alone)
         return
     # The pipes are the worker's: their other ends must see it end.
     for stream in (0, 1, *([rules] if rules >= 0 else [])):
@@ -53,12 +55,14 @@ def main(leash: int, rules: int) -> None:
     _leave(status)
 
 
-def _work(rules: int) -> None:
-    if rules >= 0:
-        from .sandbox import confine
+def _work(rules: int, alone: int) -> None:
+    from .sandbox import confine, forbid_processes
 
+    if rules >= 0:
         confine(rules)
         os.close(rules)
+    if alone:
+        forbid_processes()
     from .worker import serve
 
     serve()
@@ -125,4 +129,4 @@ def _leave(status: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]))
+    main(*map(int, sys.argv[1:]))

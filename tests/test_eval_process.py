@@ -27,6 +27,7 @@ from eval.sequences import Sequence
 from eval.speed import measure_speed
 from eval.trackers import TrackerSpec
 from eval.wire import GarbledError, read_message, write_message
+from eval.worker import Arrays
 
 pytestmark = pytest.mark.once
 
@@ -127,6 +128,29 @@ class Told:
                  and os.path.exists(f"/proc/self/fd/{name}")]
         words = [word for value in os.environ.values() for word in value.split(":")]
         return {"words": [*sys.orig_argv, *words, os.getcwd(), *files]}, ()
+
+class Helped(Honest):
+    """Lets other processes work, whose time is not that of its calls."""
+    def init(self, image, box):
+        super().init(image, box)
+        if self.params["when"] == "init":
+            os.fork() or os._exit(0)
+    def update(self, image):
+        if self.params["way"] == "subprocess":
+            import subprocess
+            subprocess.run(["true"])
+        elif self.params["way"] == "fork":
+            os.fork() or os._exit(0)
+        return super().update(image)
+
+class Threaded(Honest):
+    """Works in a thread and waits for it."""
+    def update(self, image):
+        import threading
+        thread = threading.Thread(target=sum, args=(range(1000),))
+        thread.start()
+        thread.join()
+        return super().update(image)
 
 class Slow(Honest):
     """Works for two milliseconds, and has a clock that says what it is told to."""
@@ -354,27 +378,102 @@ def test_a_tracker_that_turns_the_clock_loses_its_row(
         assert min(found[0].milliseconds["Slow"]) >= 2.0
 
 
+class Mute:
+    """A child whose clock is told: calls of a millisecond each, and what it works in them and beside them, s."""
+
+    def __init__(self, *, called: float = 0.001, beside: float = 0.0, handing: float = 0.0) -> None:
+        self.called, self.beside, self.handing, self.worked = called, beside, handing, 0.0
+
+    def transport(self, arrays: Arrays = ()) -> float:
+        """Handing over arrays takes what it takes."""
+        return self.handing if arrays else 0.0
+
+    def processor_seconds(self) -> float:
+        """So far."""
+        return self.worked
+
+    def ask(self, content: object) -> Answer:
+        """A call."""
+        self.worked += self.called + self.beside
+        return Answer({"cpu_ms": 1.0, "wall_ms": 1.0}, (), 0.01, self.called)
+
+
+def judged(child: Mute, calls: int, load: float, monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """The clock of a child after some calls, on a machine of two cores with so many processes."""
+    monkeypatch.setattr(os, "getloadavg", lambda: (load, load, load))
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    clock = Clock(child, FRAME)  # type: ignore[arg-type]
+    clock.begin(FRAME)
+    for _ in range(calls):
+        assert clock.timed({}) == (1.0, 1.0)
+    return clock
+
+
+FRAME = np.zeros((48, 64), np.uint8)
+
+
 @pytest.mark.parametrize(("load", "refused"), [(0.1, True), (1e6, False)])
 def test_a_machine_under_load_is_given_more_slack(
     load: float, refused: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Half a millisecond that is not accounted for is a lie on a quiet machine, and nothing on a busy one."""
-
-    class Mute:
-        def transport(self) -> tuple[float, float]:
-            return 0.0, 0.0
-
-        def ask(self, content: object) -> Answer:
-            return Answer({"cpu_ms": 1.0, "wall_ms": 1.0}, (), 0.01, 0.0015)
-
-    monkeypatch.setattr(os, "getloadavg", lambda: (load, load, load))
-    clock = Clock(Mute())  # type: ignore[arg-type]
-    for _ in range(3):
-        assert clock.timed({}) == (1.0, 1.0)
+    clock = judged(Mute(called=0.0015), 3, load, monkeypatch)
     if refused:
         with pytest.raises(UntrueTimeError, match=r"reported 0\.500 ms less per call"):
             clock.check()
     clock.check()
+
+
+@pytest.mark.parametrize(
+    ("child", "calls", "refused"),
+    [
+        (Mute(beside=0.001), 30, True),
+        (Mute(beside=0.001), 10, False),  # once, it may take ten milliseconds to get ready
+        (Mute(beside=0.001, handing=0.001), 30, False),
+        (Mute(beside=0.0002), 1000, False),
+        (Mute(beside=0.0003), 1000, True),
+    ],
+)
+def test_work_beside_the_calls_is_charged(
+    child: Mute, calls: int, refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thread that works between the calls: what handing over a frame takes is given, and little more."""
+    child.worked = 0.0
+    clock = judged(child, calls, 1.0, monkeypatch)
+    if refused:
+        with pytest.raises(UntrueTimeError, match="ms per call beside its calls"):
+            clock.check()
+    else:
+        clock.check()
+
+
+def test_what_was_done_before_is_not_charged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To load a model and to begin may take as long as they like."""
+    child = Mute()
+    clock = judged(child, 1, 1.0, monkeypatch)
+    child.worked += 9.0
+    clock.begin(FRAME)
+    clock.timed({})
+    clock.check()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a filter of Linux's")
+@pytest.mark.parametrize(
+    "params",
+    [{"way": "fork", "when": ""}, {"way": "subprocess", "when": ""}, {"way": "", "when": "init"}],
+    ids=["for each frame", "a program for each", "one that stays"],
+)
+def test_what_is_timed_starts_no_process(
+    params: dict[str, object], cheat: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """Its time would be nobody's; threads are its own. Where nothing is timed it may."""
+    specs = [cheat("Helped", **params), cheat("Threaded")]
+    found: list[SpeedRun] = []
+    measure_speed(specs, [sequence], Folder(tmp_path / "out"), warm_up=1, report=lambda run, _: found.append(run))
+    assert found[0].status["Helped"].startswith("raised PermissionError: [Errno 1]")
+    assert found[0].milliseconds["Helped"] == []
+    assert len(found[0].milliseconds["Threaded"]) == COUNT - 2
+    assert run_one(Job(specs[0], sequence)).status == COMPLETED
 
 
 def test_a_child_that_cannot_start_is_no_trackers_fault() -> None:
