@@ -175,7 +175,7 @@ def forbid_processes() -> None:
         (_RETURN, 0, 0, unknown),
         (_RETURN, 0, 0, refused),
     ]
-    program = _Program(len(rows), (_Instruction * len(rows))(*rows))
+    program = _Program(len(rows), (_Instruction * len(rows))(*(_Instruction(*row) for row in rows)))
     _control(_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     _control(_SET_SECCOMP, _MODE_FILTER, ctypes.byref(program), 0, 0)
 
