@@ -1,9 +1,10 @@
 """The first process of a child: it starts the worker, and ends whatever the worker leaves behind.
 
 Run as ``python -m eval.supervisor LEASH RULES ALONE`` by :mod:`eval.process` and by nobody else; the first two are
-numbers of file descriptors. Every process that the worker starts becomes a child of this one when its own parent ends,
-in whatever session it is (``PR_SET_CHILD_SUBREAPER``, Linux), so that none can stay. When the leash is let go, because
-the runner wants it or because it is gone, all of them end. It ends as its worker did: with the same code or signal.
+numbers of file descriptors. Every process that the worker starts becomes a child of this one when its own parent
+ends, in whatever session it is (``PR_SET_CHILD_SUBREAPER``, Linux), so that none can stay. When the leash is let go,
+because the runner wants it or because it is gone, all of them end. It ends as its worker did: with the same code or
+signal.
 """
 
 from __future__ import annotations
