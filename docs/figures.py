@@ -7,7 +7,13 @@ from pathlib import Path
 
 WIDTH, HEIGHT = 990, 470
 INK, PAPER = "#1f2933", "#ffffff"
-FILLS = {"data": "#eef2f7", "segmentation": "#dbeafe", "carried": "#fde7d3", "choice": "#dcfce7", "lost": "#fee2e2"}
+FILLS = {
+    "data": "#eef2f7",
+    "segmentation": "#dbeafe",
+    "patch_tracker": "#fde7d3",
+    "arbitration": "#dcfce7",
+    "lost": "#fee2e2",
+}
 
 BOXES = {
     # name: (x, y, width, height, fill, heading, lines)
@@ -19,21 +25,21 @@ BOXES = {
         "→ which explains each pixel? → mask",
         "→ box, occlusion → learn both layers",
     )),
-    "carried": (380, 210, 300, 100, "carried", "carried box · patch_tracker.step", (
+    "patch_tracker": (380, 210, 300, 100, "patch_tracker", "patch tracker · patch_tracker.step", (
         "correlation filter: place",
         "→ flow and keyframes: size",
         "→ believe? → learn",
     )),
-    "choice": (750, 80, 220, 100, "choice", "arbitration.judge", (
-        "doubt → which is followed",
+    "arbitration": (750, 80, 220, 100, "arbitration", "arbitration", (
+        "doubt → which leads",
         "chance of being right → score",
         "below 0.25: not believed",
     )),
     "answer": (750, 240, 220, 50, "data", "(ok, box), score, state", ()),
-    "tracking": (750, 370, 220, 56, "choice", "tracking", ("ok is True",)),
+    "tracking": (750, 370, 220, 56, "arbitration", "tracking", ("ok is True",)),
     "occluded": (460, 370, 180, 56, "lost", "occluded", ("hidden by something",)),
     "lost": (180, 370, 180, 56, "lost", "lost", ("unseen, or not believed",)),
-    "sighting": (20, 210, 300, 100, "lost", "while lost · redetection.look", (
+    "redetection": (20, 210, 300, 100, "lost", "while lost · redetection.find", (
         "what is new in the frame, and has",
         "the object's colours? The filter looks",
         "at three more places per frame.",

@@ -283,7 +283,9 @@ ABLATIONS: dict[str, Ablation] = {
         (Cut("segmentation.labelling", "_GAINS", _one_brightness),),
     ),
     "no-colour": Ablation(
-        "segmentation", "colour histograms", (Cut("tracker", "SEGMENTATION", _with_fields(colour_weight=0.0)),)
+        "segmentation",
+        "colour histograms",
+        (Cut("arbitration.rooms", "SEGMENTATION", _with_fields(colour_weight=0.0)),),
     ),
     "no-growth": Ablation(
         "segmentation",
@@ -297,17 +299,19 @@ ABLATIONS: dict[str, Ablation] = {
     ),
     "no-occlusion": Ablation("segmentation", "occlusion", (Cut("segmentation.occlusion", "judge", _never_occluded),)),
     "no-keys": Ablation(
-        "patch_tracker", "keyframes but the first", (Cut("tracker", "PATCH_TRACKER", _with_fields(key_gap=10**9)),)
+        "patch_tracker",
+        "keyframes but the first",
+        (Cut("arbitration.rooms", "PATCH_TRACKER", _with_fields(key_gap=10**9)),),
     ),
     "no-velocity": Ablation(
         "patch_tracker",
         "prediction by the velocity",
-        (Cut("tracker", "PATCH_TRACKER", _with_fields(velocity_rate=0.0)),),
+        (Cut("arbitration.rooms", "PATCH_TRACKER", _with_fields(velocity_rate=0.0)),),
     ),
     "no-scale": Ablation(
         "patch_tracker",
         "change of size",
-        (Cut("tracker", "PATCH_TRACKER", _with_fields(max_scale_step=0.0, max_key_scale=0.0)),),
+        (Cut("arbitration.rooms", "PATCH_TRACKER", _with_fields(max_scale_step=0.0, max_key_scale=0.0)),),
     ),
     "no-learning": Ablation(
         "patch_tracker",
@@ -317,7 +321,7 @@ ABLATIONS: dict[str, Ablation] = {
     "no-redetection": Ablation(
         "redetection",
         "watching the whole frame after a loss",
-        (Cut("redetection", "describe", lambda _: lambda state, known: None),),
+        (Cut("redetection", "target_of", lambda _: lambda state, known: None),),
     ),
     "segmentation-only": Ablation("arbitration", "the carried box: segmentation always", mode="segmentation"),
     "patch-tracker-only": Ablation("arbitration", "segmentation: the carried box always", mode="patch_tracker"),

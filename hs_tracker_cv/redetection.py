@@ -22,7 +22,7 @@ from .geometry import Box
 from .segmentation import SegmentationState, colour
 from .validation import LARGEST, Shape, Within
 
-__all__ = ["Scene", "Sighting", "Target", "describe", "foreign", "look", "remember"]
+__all__ = ["Redetection", "Scene", "Target", "find", "is_foreign", "scene_without", "target_of"]
 
 _ACROSS = 8  # samples across the shorter side of the object
 _MOST = 30_000  # samples of a frame
@@ -93,14 +93,14 @@ class Scene:
         return {"scene h": rows, "scene w": columns}
 
 
-class Sighting(NamedTuple):
+class Redetection(NamedTuple):
     """Something that may be the object: the box of what is seen of it (frame px), and the share that is, 0–1."""
 
     box: Box
     share: float
 
 
-def describe(state: SegmentationState, known: Target | None) -> Target | None:
+def target_of(state: SegmentationState, known: Target | None) -> Target | None:
     """What is known of the object after a frame in which all of it is seen.
 
     Its colours change slowly. If they are suddenly others, it is another object, and what was `known` stays; so it
@@ -118,7 +118,7 @@ def describe(state: SegmentationState, known: Target | None) -> Target | None:
     return Target(colours, extent, state.noise)
 
 
-def remember(frame: Frame, target: Target) -> Scene | None:
+def scene_without(frame: Frame, target: Target) -> Scene | None:
     """Take in the frame in which the object was lost.
 
     Returns
@@ -140,12 +140,12 @@ def remember(frame: Frame, target: Target) -> Scene | None:
     return Scene(target, samples, step, telling.astype(np.uint8), distinct)
 
 
-def look(scene: Scene, frame: Frame) -> Sighting | None:
+def find(scene: Scene, frame: Frame) -> Redetection | None:
     """Look for the object in a frame; None when nothing like it is seen."""
-    news = _news(scene, frame)
-    if news is None:
+    changes = _changes(scene, frame)
+    if changes is None:
         return None
-    changed, bins = news
+    changed, bins = changes
     alike = changed & scene.telling[bins]
     step = scene.step
     across, down = (max(1, round(side / step)) for side in scene.target.extent[:2])
@@ -165,18 +165,18 @@ def look(scene: Scene, frame: Frame) -> Sighting | None:
         return None
     i, j, w, h = cv2.boundingRect(alike[window])
     sides = (float(side * step) for side in (left + i, top + j, w, h))
-    return Sighting(Box(*sides), min(share, 1.0))
+    return Redetection(Box(*sides), min(share, 1.0))
 
 
-def foreign(scene: Scene, frame: Frame, box: Box) -> bool:
+def is_foreign(scene: Scene, frame: Frame, box: Box) -> bool:
     """Tell whether what another tracker takes for the object is something else.
 
     It is not when what is new in the box has the object's colours, or when all that is in it has, new or not.
     """
-    news = _news(scene, frame)
-    if news is None:
+    changes = _changes(scene, frame)
+    if changes is None:
         return False
-    changed, telling = news[0], scene.telling[news[1]]
+    changed, telling = changes[0], scene.telling[changes[1]]
     inside = box.clip(frame.width, frame.height)
     x0, y0, x1, y1 = (round(edge / scene.step) for edge in (inside.x, inside.y, inside.right, inside.bottom))
     changed, telling = changed[y0:y1, x0:x1], telling[y0:y1, x0:x1]
@@ -187,7 +187,7 @@ def foreign(scene: Scene, frame: Frame, box: Box) -> bool:
     return int(np.count_nonzero(telling)) < _PRESENT * whole
 
 
-def _news(scene: Scene, frame: Frame) -> tuple[NDArray[np.uint8], NDArray[np.int32]] | None:
+def _changes(scene: Scene, frame: Frame) -> tuple[NDArray[np.uint8], NDArray[np.int32]] | None:
     """Which samples have changed, and the bin of each; None when so many have that it is the camera."""
     samples = _samples(frame, scene.step)
     threshold = max(_CHANGED * scene.target.noise, _LEAST_CHANGE)

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hs_tracker_cv.arbitration import WITNESS_FRAMES, Choice, agreement, judge, size_difference
+from hs_tracker_cv.arbitration.choice import Choice, agreement, size_difference, updated
+from hs_tracker_cv.arbitration.tuning import WITNESS_FRAMES
 from hs_tracker_cv.geometry import Box
 
 pytestmark = pytest.mark.once
@@ -21,7 +22,7 @@ def after(count: int, unexplained: float, difference: float = 0.0, choice: Choic
     """The choice after the same measurements `count` times."""
     choice = (choice or Choice()).asked(1.0, 0.8)
     for _ in range(count):
-        choice = judge(choice, unexplained, difference)
+        choice = updated(choice, unexplained, difference)
     return choice
 
 
@@ -71,7 +72,7 @@ def test_a_switch_needs_doubt_and_restarts_the_count(values: list[tuple[float, f
     """Trust changes only where the doubt has passed zero by the hysteresis; `since` restarts at each change."""
     choice = Choice()
     for value in values:
-        following = judge(choice, *value)
+        following = updated(choice, *value)
         if following.trusted != choice.trusted:
             assert following.since == 0
             assert (following.doubt > 0) is choice.trusted
@@ -109,7 +110,7 @@ def test_a_sure_carried_box_elsewhere_is_followed() -> None:
     for chance, place, trusted in ((0.9, 0.1, False), (0.9, 0.9, True), (0.4, 0.1, True)):
         choice = Choice()
         for _ in range(10):
-            choice = judge(choice.asked(chance, place), 0.01, None)
+            choice = updated(choice.asked(chance, place), 0.01, None)
         assert choice.trusted is trusted
 
 
@@ -118,7 +119,7 @@ def test_doubt_alone_leaves_a_segment_to_a_carried_box_that_is_likely_right_only
     for chance, agreed, trusted in ((0.9, 0.8, False), (0.3, 0.8, True), (0.9, 0.95, True)):
         choice = Choice()
         for _ in range(10):
-            choice = judge(choice.asked(chance, agreed), 0.5, None)
+            choice = updated(choice.asked(chance, agreed), 0.5, None)
         assert choice.trusted is trusted
 
 

@@ -22,6 +22,33 @@ FORBIDDEN = {
 }
 
 
+_LOOPS = {"_native", "frames", "geometry", "validation"}
+ROOMS = {
+    # what each of the library's rooms may take from the others, as data flows in docs/algorithm.md
+    "estimate": {"geometry"},
+    "flow": _LOOPS | {"display"},  # for Jupyter
+    "segmentation": _LOOPS | {"estimate", "flow"},
+    "patch_tracker": _LOOPS | {"estimate", "flow"},
+    "redetection": {"frames", "geometry", "segmentation", "validation"},
+    "overview": {"frames", "validation"},
+    "arbitration": {
+        "estimate", "frames", "geometry", "overview", "params", "patch_tracker", "redetection", "segmentation",
+        "validation",
+    },
+    "tracker": {"arbitration", "display", "flow", "frames", "geometry", "params", "validation"},
+}  # fmt: skip
+
+
+def neighbours(path: Path) -> Iterator[str]:
+    """Rooms of the library that a file imports, at any depth of nesting."""
+    home = path.relative_to(ROOT / "hs_tracker_cv").parent.parts
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = home[: len(home) - (node.level - 1)]
+            module = (*base, *(node.module or "").split(".")) if node.module else base
+            yield from [module[0]] if module else [alias.name for alias in node.names]
+
+
 def imported(path: Path) -> Iterator[str]:
     """Top-level names of absolute imports in a file, at any depth of nesting."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -38,6 +65,16 @@ def test_packages_do_not_import_their_users(package: str) -> None:
     assert files
     wrong = {str(path.relative_to(ROOT)): FORBIDDEN[package] & set(imported(path)) for path in files}
     assert not {path: names for path, names in wrong.items() if names}
+
+
+@pytest.mark.parametrize("room", sorted(ROOMS))
+def test_rooms_take_from_those_below_them_only(room: str) -> None:
+    """Arbitration knows the modes, they know flow and frames, and nobody knows who asks."""
+    place = ROOT / "hs_tracker_cv" / room
+    files = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
+    taken = {name for path in files for name in neighbours(path)} - {room}
+    assert taken
+    assert taken <= ROOMS[room]
 
 
 def test_pages_take_nothing_from_the_command_line() -> None:

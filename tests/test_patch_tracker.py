@@ -83,14 +83,14 @@ def test_follows_a_square(path: Path, frames: int, least: float, colour: bool) -
     for t, state in enumerate(_track(path, frames, colour)):
         truth = path(t)
         assert truth is not None
-        assert iou(state.report.box, truth) > least
-        assert state.report.ok
-        assert not state.report.lost
+        assert iou(state.estimate.box, truth) > least
+        assert state.estimate.ok
+        assert not state.estimate.lost
 
 
 def test_says_lost_and_finds_again() -> None:
     """Hidden, the object is lost within a few frames and nothing else is seized; shown again, it is found."""
-    reports = [state.report for state in _track(_hidden, 40)]
+    reports = [state.estimate for state in _track(_hidden, 40)]
     assert all(report.ok for report in reports[:15])
     assert all(report.lost and not report.ok for report in reports[20:30])
     assert max(report.score for report in reports[20:30]) < 0.5
@@ -106,7 +106,7 @@ def test_finds_an_object_that_comes_back_elsewhere() -> None:
     def displaced(t: int) -> Box | None:
         return _moving(0) if t < 10 else None if t < 16 else Box(150.0, 90.0, 40.0, 40.0)
 
-    last = _track(displaced, 45)[-1].report
+    last = _track(displaced, 45)[-1].estimate
     assert last.ok
     assert iou(last.box, Box(150.0, 90.0, 40.0, 40.0)) > 0.8
 
@@ -139,9 +139,9 @@ def test_step_leaves_the_old_state_alone() -> None:
 def test_same_input_same_output() -> None:
     """Two runs give bit-identical boxes, and so does a state that went through pickle."""
     once, again = _track(_moving, 12), _track(_moving, 12)
-    assert [state.report.box for state in once] == [state.report.box for state in again]
+    assert [state.estimate.box for state in once] == [state.estimate.box for state in again]
     copied = pickle.loads(pickle.dumps(once[6]))
-    assert patch_tracker.step(copied, _frame(_moving(7)), PARAMS).report.box == once[7].report.box
+    assert patch_tracker.step(copied, _frame(_moving(7)), PARAMS).estimate.box == once[7].estimate.box
 
 
 def test_keyframe_takes_out_an_artificial_drift() -> None:
@@ -150,21 +150,21 @@ def test_keyframe_takes_out_an_artificial_drift() -> None:
     state = patch_tracker.start(frame, box, PARAMS)
     for _ in range(3):
         state = patch_tracker.step(state, frame, PARAMS)
-    state = patch_tracker.ride(state, state.report.box.moved(2.0, 1.5))
+    state = patch_tracker.ride(state, state.estimate.box.moved(2.0, 1.5))
     for _ in range(6):
         state = patch_tracker.step(state, frame, PARAMS)
-    assert state.report.box.x == pytest.approx(box.x, abs=0.5)
-    assert state.report.box.y == pytest.approx(box.y, abs=0.5)
+    assert state.estimate.box.x == pytest.approx(box.x, abs=0.5)
+    assert state.estimate.box.y == pytest.approx(box.y, abs=0.5)
 
 
 def test_seek_finds_what_has_moved_far_though_it_was_not_lost() -> None:
     """A step looks near; to seek is to look all over the frame."""
     state, far = _track(_moving, 6)[-1], _frame(Box(150.0, 120.0, 40.0, 40.0))
-    assert iou(patch_tracker.step(state, far, PARAMS).report.box, Box(150.0, 120.0, 40.0, 40.0)) < 0.1
+    assert iou(patch_tracker.step(state, far, PARAMS).estimate.box, Box(150.0, 120.0, 40.0, 40.0)) < 0.1
     for _ in range(8):
         state = patch_tracker.seek(state, far, PARAMS)
-    assert state.report.ok
-    assert iou(state.report.box, Box(150.0, 120.0, 40.0, 40.0)) > 0.8
+    assert state.estimate.ok
+    assert iou(state.estimate.box, Box(150.0, 120.0, 40.0, 40.0)) > 0.8
 
 
 def _turned_frame(angle: float) -> Frame:
@@ -182,8 +182,8 @@ def test_a_turn_that_is_told_is_found_and_one_that_is_not_is_dropped() -> None:
     """The finder knows the object upright: told of its turn it is as sure as before, told of a wrong one likewise."""
     state = _track(lambda t: _moving(0), 4)[-1]
     turned, still = _turned_frame(0.6), _turned_frame(0.0)
-    told, untold = (patch_tracker.step(s, turned, PARAMS).report for s in (patch_tracker.turned(state, 0.6), state))
-    wrong, right = (patch_tracker.step(s, still, PARAMS).report for s in (patch_tracker.turned(state, 0.6), state))
+    told, untold = (patch_tracker.step(s, turned, PARAMS).estimate for s in (patch_tracker.turned(state, 0.6), state))
+    wrong, right = (patch_tracker.step(s, still, PARAMS).estimate for s in (patch_tracker.turned(state, 0.6), state))
     assert told.score > untold.score + 0.2
     assert told.angle == pytest.approx(0.6)
     assert wrong.score == pytest.approx(right.score, abs=0.05)
@@ -194,15 +194,15 @@ def test_a_turn_that_is_told_is_found_and_one_that_is_not_is_dropped() -> None:
 def test_ride_moves_the_box_and_goes_on() -> None:
     """After a hand-over the report is the box handed over, also when it was lost, and tracking goes on from there."""
     state = _track(_hidden, 25)[-1]
-    assert state.report.lost
+    assert state.estimate.lost
     box = Box(150.0, 60.0, 40.0, 40.0)
     state = patch_tracker.ride(state, box)
-    assert state.report.box == box
-    assert state.report.ok
+    assert state.estimate.box == box
+    assert state.estimate.ok
     for t in range(1, 8):
         state = patch_tracker.step(state, _frame(box.moved(1.5 * t, 0.0)), PARAMS)
-    assert state.report.ok
-    assert iou(state.report.box, box.moved(10.5, 0.0)) > 0.85
+    assert state.estimate.ok
+    assert iou(state.estimate.box, box.moved(10.5, 0.0)) > 0.85
 
 
 def test_ride_takes_a_new_size_slowly() -> None:
@@ -220,11 +220,11 @@ def test_ride_takes_a_new_size_slowly() -> None:
 def test_report_explains_itself() -> None:
     """The report holds flow and patches of one size, and where in the frame they lie; the score is a probability."""
     state = _track(_moving, 4)[-1]
-    report = state.report
+    report = state.estimate
     assert report.flow.shape == (*report.current.shape, 2)
     assert report.previous.shape == report.current.shape
-    rows, columns = report.current.shape
-    window = Box(*report.origin, columns * report.step[0], rows * report.step[1])
+    window = report.window
+    assert window.w == pytest.approx(report.current.shape[1] * report.step)
     assert iou(window, report.box) > 0.3
     assert window.x + window.w / 2 == pytest.approx(report.box.x + report.box.w / 2, abs=2.0)
     assert 0.5 < report.score <= 1.0
@@ -240,10 +240,10 @@ def test_what_a_wall_hides_is_not_kept() -> None:
         pixels = _frame(_moving(t)).pixels.copy()
         pixels[:, 110:170] = wall
         states.append(patch_tracker.step(states[-1], as_frame(pixels), PARAMS))
-    kept = [state.report.kept for state in states]
+    kept = [state.estimate.kept for state in states]
     assert min(kept[:5]) > 0.9
     assert min(kept[10:]) < 0.6
-    assert states[-1].report.lost
+    assert states[-1].estimate.lost
 
 
 def test_a_look_alike_far_off_does_not_draw_the_box_away() -> None:
@@ -262,8 +262,8 @@ def test_a_look_alike_far_off_does_not_draw_the_box_away() -> None:
     states = [patch_tracker.start(dimmed(0, 1.0), _moving(0), PARAMS)]
     for t in range(1, 25):
         states.append(patch_tracker.step(states[-1], dimmed(t, max(0.0, 1.0 - t / 15)), PARAMS))
-    assert all(iou(state.report.box, _moving(t)) > 0.5 for t, state in enumerate(states) if state.report.ok)
-    assert states[15].report.ok
+    assert all(iou(state.estimate.box, _moving(t)) > 0.5 for t, state in enumerate(states) if state.estimate.ok)
+    assert states[15].estimate.ok
 
 
 def test_search_after_a_loss_covers_the_frame() -> None:
@@ -271,7 +271,7 @@ def test_search_after_a_loss_covers_the_frame() -> None:
     states = _track(lambda t: _moving(0) if t < 5 else None, 12)
     state = states[-1]
     view = View(_frame(None), state.geometry, state.pose, state.model.templates, None)
-    assert state.report.lost
+    assert state.estimate.lost
     places = [at for turn in range(1, 8) for at in _elsewhere(state.pose, state.geometry, view, turn)]
     y, x = np.mgrid[:180:4, :240:4]
     away = np.min([np.maximum(np.abs(x - at.cx), np.abs(y - at.cy)) for at in [state.pose, *places]], axis=0)
@@ -295,7 +295,7 @@ def test_box_leaving_the_frame_is_not_followed_outside() -> None:
         box = Box(150.0 + 4.0 * t, 60.0, 40.0, 40.0)
         return box if box.x < 240 else None
 
-    last = _track(leaving, 36)[-1].report
+    last = _track(leaving, 36)[-1].estimate
     assert not last.ok
 
 
@@ -480,7 +480,7 @@ def test_rotation_is_followed_when_asked() -> None:
     for t in range(1, 61):
         frame, angle = turned(t)
         state = patch_tracker.step(state, frame, params)
-        assert state.report.ok
-        assert state.report.angle == pytest.approx(angle, abs=0.06)
+        assert state.estimate.ok
+        assert state.estimate.angle == pytest.approx(angle, abs=0.06)
         side = 40.0 * (abs(np.cos(angle)) + abs(np.sin(angle)))
-        assert iou(state.report.box, Box.from_centre(100.0 + 0.5 * t, 90.0, side, side)) > 0.85
+        assert iou(state.estimate.box, Box.from_centre(100.0 + 0.5 * t, 90.0, side, side)) > 0.85

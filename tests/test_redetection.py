@@ -38,14 +38,14 @@ def known(colour: tuple[int, int, int] = RED) -> Target:
     """A target of one colour, described by segmentation after `init`."""
     box = Box(100, 80, SIDE, SIDE)
     state = segmentation.start(as_frame(scene_with(box, colour)), box, segmentation.SegmentationParams())
-    target = redetection.describe(state, None)
+    target = redetection.target_of(state, None)
     assert target is not None
     return target
 
 
 def empty_scene(target: Target | None = None) -> Scene:
     """The ground alone, as remembered when the object was lost."""
-    scene = redetection.remember(as_frame(scene_with(None)), target or known())
+    scene = redetection.scene_without(as_frame(scene_with(None)), target or known())
     assert scene is not None
     return scene
 
@@ -55,7 +55,7 @@ def empty_scene(target: Target | None = None) -> Scene:
 def test_the_object_is_seen_wherever_it_is(x: int, y: int) -> None:
     """The box of what is seen is right to a sample on each side, and all of the object is seen."""
     box = Box(x, y, SIDE, SIDE)
-    seen = redetection.look(empty_scene(), as_frame(scene_with(box)))
+    seen = redetection.find(empty_scene(), as_frame(scene_with(box)))
     assert seen is not None
     assert seen.share > 0.8
     step = empty_scene().step
@@ -66,7 +66,7 @@ def test_the_object_is_seen_wherever_it_is(x: int, y: int) -> None:
 @pytest.mark.parametrize(("inside", "low", "high"), [(12, 0.15, 0.45), (24, 0.4, 0.8), (36, 0.7, 1.0)])
 def test_a_part_is_seen_and_called_a_part(inside: int, low: float, high: float) -> None:
     """An object that comes in over the border is seen by what is inside, and its share grows."""
-    seen = redetection.look(empty_scene(), as_frame(scene_with(Box(inside - SIDE, 90, SIDE, SIDE))))
+    seen = redetection.find(empty_scene(), as_frame(scene_with(Box(inside - SIDE, 90, SIDE, SIDE))))
     assert seen is not None
     assert low <= seen.share <= high
     assert seen.box.x == 0
@@ -78,48 +78,48 @@ def test_something_else_is_not_the_object(colour: tuple[int, int, int]) -> None:
     """Another colour is new, but it is not the object's; and a box round it is foreign."""
     box = Box(200, 100, SIDE, SIDE)
     frame = as_frame(scene_with(box, colour))
-    assert redetection.look(empty_scene(), frame) is None
-    assert redetection.foreign(empty_scene(), frame, box)
+    assert redetection.find(empty_scene(), frame) is None
+    assert redetection.is_foreign(empty_scene(), frame, box)
 
 
 def test_what_was_there_before_is_not_new() -> None:
     """Something in the object's colours that stood there when the object was lost is no sighting."""
     other = scene_with(Box(200, 100, 20, 20))
-    scene = redetection.remember(as_frame(other), known())
+    scene = redetection.scene_without(as_frame(other), known())
     assert scene is not None
-    assert redetection.look(scene, as_frame(other)) is None
+    assert redetection.find(scene, as_frame(other)) is None
 
 
 def test_the_object_is_not_foreign_whether_it_is_new_or_not() -> None:
     """A box round the object is its own, also where the remembered scene has it already."""
     box = Box(60, 60, SIDE, SIDE)
     frame = as_frame(scene_with(box))
-    assert not redetection.foreign(empty_scene(), frame, box)
-    with_it = redetection.remember(frame, known())
+    assert not redetection.is_foreign(empty_scene(), frame, box)
+    with_it = redetection.scene_without(frame, known())
     assert with_it is not None
-    assert not redetection.foreign(with_it, frame, box)
-    assert redetection.foreign(empty_scene(), as_frame(scene_with(None)), box)
+    assert not redetection.is_foreign(with_it, frame, box)
+    assert redetection.is_foreign(empty_scene(), as_frame(scene_with(None)), box)
 
 
 def test_nothing_is_concluded_when_all_has_changed() -> None:
     """After a turn of the camera nothing is sighted and nothing is called foreign."""
     box = Box(60, 60, SIDE, SIDE)
     turned = as_frame(255 - scene_with(box, GREEN))
-    assert redetection.look(empty_scene(), turned) is None
-    assert not redetection.foreign(empty_scene(), turned, box)
+    assert redetection.find(empty_scene(), turned) is None
+    assert not redetection.is_foreign(empty_scene(), turned, box)
 
 
 def test_no_scene_for_an_object_in_the_colours_of_the_ground() -> None:
     """Colours that do not tell object and ground apart are not relied on."""
     gray = known((115, 115, 115))
-    assert redetection.remember(as_frame(scene_with(None)), gray) is None
+    assert redetection.scene_without(as_frame(scene_with(None)), gray) is None
 
 
 def test_a_small_object_in_a_large_frame_is_not_looked_for() -> None:
     """The number of samples is bounded; an object between them cannot be seen."""
     target = known()._replace(extent=(8.0, 8.0, 64.0))
-    assert redetection.remember(as_frame(np.full((2160, 3840, 3), 110, np.uint8)), target) is None
-    scene = redetection.remember(as_frame(np.full((2160, 3840, 3), 110, np.uint8)), known())
+    assert redetection.scene_without(as_frame(np.full((2160, 3840, 3), 110, np.uint8)), target) is None
+    scene = redetection.scene_without(as_frame(np.full((2160, 3840, 3), 110, np.uint8)), known())
     assert scene is None or scene.samples.size <= 3 * 31_000
 
 
@@ -128,12 +128,12 @@ def test_a_target_shrinks_slowly_and_does_not_change_its_colours_at_once() -> No
     target = known()
     box = Box(100, 80, 10, SIDE)
     frame = as_frame(scene_with(box))
-    thinner = redetection.describe(segmentation.start(frame, box, segmentation.SegmentationParams()), target)
+    thinner = redetection.target_of(segmentation.start(frame, box, segmentation.SegmentationParams()), target)
     assert thinner.extent[0] == pytest.approx(0.98 * target.extent[0])
     other = segmentation.start(
         as_frame(scene_with(Box(100, 80, SIDE, SIDE), BLUE)), box, segmentation.SegmentationParams()
     )
-    assert redetection.describe(other, target) is target
+    assert redetection.target_of(other, target) is target
 
 
 # --- in the tracker ------------------------------------------------------------------------------------------
@@ -194,6 +194,6 @@ def test_an_object_without_a_shape_is_not_described() -> None:
     box = Box(100, 80, SIDE, SIDE)
     state = segmentation.start(as_frame(scene_with(box)), box, segmentation.SegmentationParams())
     shapeless = state.replace(shape=np.zeros_like(state.shape))
-    assert redetection.describe(shapeless, None) is None
+    assert redetection.target_of(shapeless, None) is None
     before = known()
-    assert redetection.describe(shapeless, before) is before
+    assert redetection.target_of(shapeless, before) is before

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from hs_tracker_cv import MultiTrackerHS, TrackerHS, TrackerHS_create, TrackerHS_Params, legacy
 from hs_tracker_cv import tracker as tracker_module
+from hs_tracker_cv.arbitration import Track
 from hs_tracker_cv.frames import InputError
 from hs_tracker_cv.validation import Shape
 from tests.test_robustness import NOWHERE, ROI, examples, known, video
@@ -212,7 +213,7 @@ def annotations(kind: Any, path: str) -> Iterator[tuple[str, Any]]:
 
 def test_every_array_of_a_track_says_its_shape() -> None:
     """What is added to a state later is validated too, by its annotation: without a shape, it would not be."""
-    told = dict(annotations(tracker_module._Track, "track"))
+    told = dict(annotations(Track, "track"))
     assert len(told) > 30
     silent = [path for path, kind in told.items() if not any(isinstance(one, Shape) for one in get_args(kind))]
     assert not silent
@@ -225,7 +226,7 @@ def test_every_array_of_a_track_says_its_shape() -> None:
         ({}, f"version {VERSION}, got version None"),
         ({"version": VERSION + 1}, f"version {VERSION}, got version {VERSION + 1}"),
         ({"version": VERSION}, "_parameters to be TrackerHS_Params, got None"),
-        ({"version": VERSION, "_parameters": TrackerHS_Params()}, "_track to be a _Track, got 'nothing'"),
+        ({"version": VERSION, "_parameters": TrackerHS_Params()}, "_track to be a Track, got 'nothing'"),
         ({"version": VERSION, "_parameters": {"mode": "auto"}, "_track": None}, "_parameters to be TrackerHS_Params"),
     ],
 )

@@ -62,17 +62,17 @@ def moving_square(frames: int = 24, speed: tuple[int, int] = (3, 1)) -> tuple[li
 
 def follow(
     images: list[NDArray[Any]], box: Box, params: segmentation.SegmentationParams = PARAMS
-) -> list[segmentation.SegmentationReport]:
+) -> list[segmentation.SegmentationEstimate]:
     """Reports of all frames, the first one's too."""
     state = segmentation.start(as_frame(images[0]), box, params)
-    reports = [state.report]
+    reports = [state.estimate]
     for image in images[1:]:
         state = segmentation.step(state, as_frame(image), params)
-        reports.append(state.report)
+        reports.append(state.estimate)
     return reports
 
 
-def overlaps(reports: list[segmentation.SegmentationReport], boxes: list[Box]) -> NDArray[np.float64]:
+def overlaps(reports: list[segmentation.SegmentationEstimate], boxes: list[Box]) -> NDArray[np.float64]:
     """IoU per frame, the first one excluded."""
     return np.array([iou(r.box, b) if r.ok else 0.0 for r, b in zip(reports[1:], boxes[1:], strict=True)])
 
@@ -317,12 +317,12 @@ def test_watching_knows_the_background_and_hands_over() -> None:
     state = segmentation.start(as_frame(images[0]), boxes[0], PARAMS)
     for image, box in zip(images[1:14], boxes[1:14], strict=True):
         state = segmentation.watch(state, as_frame(image), box, PARAMS)
-    assert state.report.box == pytest.approx(boxes[13], abs=1e-9)
+    assert state.estimate.box == pytest.approx(boxes[13], abs=1e-9)
     assert np.count_nonzero(state.atlas.counts[0] > 5) > 500
-    assert state.report.unexplained < 0.03
+    assert state.estimate.unexplained < 0.03
     for image in images[14:]:
         state = segmentation.step(state, as_frame(image), PARAMS)
-    assert iou(state.report.box, boxes[-1]) > 0.9
+    assert iou(state.estimate.box, boxes[-1]) > 0.9
 
 
 def test_reseed_takes_the_box_and_keeps_the_background() -> None:
@@ -333,11 +333,11 @@ def test_reseed_takes_the_box_and_keeps_the_background() -> None:
         state = segmentation.step(state, as_frame(image), PARAMS)
     known = int(np.count_nonzero(state.atlas.counts[0] > 5))
     state = segmentation.reseed(state, as_frame(images[11]), boxes[11], PARAMS)
-    assert state.report.box == boxes[11]
+    assert state.estimate.box == boxes[11]
     assert np.count_nonzero(state.atlas.counts[0] > 5) > 0.8 * known
     for image, box in zip(images[12:], boxes[12:], strict=True):
         state = segmentation.step(state, as_frame(image), PARAMS)
-        assert iou(state.report.box, box) > 0.88
+        assert iou(state.estimate.box, box) > 0.88
 
 
 def test_trust_tells_a_foreign_motion() -> None:
@@ -432,7 +432,7 @@ def test_frames_of_other_types() -> None:
         state = segmentation.start(frames[0], boxes[0], PARAMS)
         for frame, box in zip(frames[1:], expected[1:], strict=True):
             state = segmentation.step(state, frame, PARAMS)
-            assert iou(state.report.box, box) > 0.98
+            assert iou(state.estimate.box, box) > 0.98
 
 
 @pytest.mark.parametrize("offset", [(0.3, 0.2), (-0.4, 0.0), (3.7, -2.2)])

@@ -7,7 +7,6 @@ import gc
 import pickle
 import weakref
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -368,7 +367,7 @@ def test_a_sure_carried_box_answers_where_segmentation_sees_nothing(
 
     def blind(state: segmentation.SegmentationState, *rest: Any) -> segmentation.SegmentationState:
         seen = step(state, *rest)
-        return seen.replace(report=replace(seen.report, ok=False, lost=True, occluded=True, score=0.0))
+        return seen.replace(estimate=seen.estimate.replace(ok=False, occluded=True, score=0.0))
 
     monkeypatch.setattr(segmentation, "step", blind)
     for frame, box in zip(frames[2:6], boxes[2:6], strict=True):

@@ -15,12 +15,12 @@ All functions are pure: a state goes in, a new one comes out, and no array of th
 
 from __future__ import annotations
 
-from .state import PatchTrackerParams, PatchTrackerReport, PatchTrackerState, belongs
+from .state import PatchTrackerEstimate, PatchTrackerParams, PatchTrackerState, belongs
 from .tracking import dismiss, ride, seek, start, step, turned
 
 __all__ = [
+    "PatchTrackerEstimate",
     "PatchTrackerParams",
-    "PatchTrackerReport",
     "PatchTrackerState",
     "belongs",
     "dismiss",

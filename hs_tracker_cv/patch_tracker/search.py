@@ -45,8 +45,8 @@ def find(state: PatchTrackerState, view: View, expected: Pose, p: PatchTrackerPa
     g, lost = state.geometry, state.low - p.patience
     penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
     best = look(state, view, expected, expected, penalty)
-    if best.chance < _CLEAR and abs(expected.angle - state.report.angle) > _TURN:  # it may not have turned as told
-        upright = expected._replace(angle=state.report.angle)
+    if best.chance < _CLEAR and abs(expected.angle - state.estimate.angle) > _TURN:  # it may not have turned as told
+        upright = expected._replace(angle=state.estimate.angle)
         best = max(best, look(state, view, upright, upright, penalty), key=lambda found: found.chance)
     if lost > 0 and best.chance < p.sure:
         places = _elsewhere(state.pose, g, view, lost)

@@ -1,4 +1,4 @@
-"""What the patch tracker carries from frame to frame: parameters, poses, what was learned, the report."""
+"""What the patch tracker carries from frame to frame: parameters, poses, what was learned, the estimate."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..estimate import Estimate
 from ..flow.params import Mode
 from ..geometry import Box
 from ..validation import Count, Shape, Within
@@ -19,8 +20,8 @@ __all__ = [
     "Before",
     "Geometry",
     "Model",
+    "PatchTrackerEstimate",
     "PatchTrackerParams",
-    "PatchTrackerReport",
     "PatchTrackerState",
     "Pose",
     "belongs",
@@ -220,29 +221,16 @@ class Before(NamedTuple):
     thin: Annotated[int, Within(1, 2**20)]
 
 
-class PatchTrackerReport(NamedTuple):
-    """What one frame said.
+@dataclass(frozen=True, kw_only=True)
+class PatchTrackerEstimate(Estimate):
+    """What one frame said; the box is the last believed one while the object is lost.
 
     Parameters
     ----------
-    box : Box
-        Sub-pixel, frame px; the last believed one while lost.
+    previous, current : ndarray, shape (h, w), float32
+        Under the object of mean 0 and deviation 32.
     angle : float
         Turn of the object since the start, radians from x towards y; 0 unless asked for.
-    ok : bool
-        The object was located.
-    score : float
-        Chance that the box overlaps the object by more than half, 0–1.
-    lost : bool
-        Searching.
-    origin : tuple of float
-        Top-left of the window, frame px.
-    step : tuple of float
-        Frame px per window pixel, across and down.
-    previous, current : ndarray, shape (h, w), float32
-        Windows the flow was computed on: gray, under the object of mean 0 and deviation 32.
-    flow : ndarray, shape (h, w, 2), float32
-        Window px per frame.
     peak : float
         Height of the correlation filter's peak.
     response : ndarray, shape (40, 40), float32
@@ -258,22 +246,24 @@ class PatchTrackerReport(NamedTuple):
         not learned. "weak": followed, and about to be lost. "bad": not believed.
     """
 
-    box: Box
-    angle: float
-    ok: bool
-    score: float
-    lost: bool
-    origin: tuple[float, float]
-    step: tuple[float, float]
+    occluded: bool = False
     previous: _Fine
     current: _Fine
     flow: Annotated[F32, Shape("fine h", "fine w", 2)]
+    mask: None = None
+    angle: float
     peak: float
     response: Annotated[F32, Shape(40, 40)]
     agreement: float
     keys: tuple[float, ...]
     kept: float
     verdict: str
+
+    @property
+    def grays(self) -> tuple[F32, F32]:
+        """`previous` and `current` as gray levels, 0–255."""
+        previous, current = (np.clip(patch + 128.0, 0.0, 255.0) for patch in (self.previous, self.current))
+        return previous, current
 
 
 class Model(NamedTuple):
@@ -321,7 +311,7 @@ class PatchTrackerState(NamedTuple):
     kept: _Half
     hint: Pose | None
     before: Before
-    report: PatchTrackerReport
+    estimate: PatchTrackerEstimate
 
 
 def geometry_of(box: Box, p: PatchTrackerParams) -> Geometry:

@@ -28,8 +28,8 @@ from .search import Found, find, look
 from .state import (
     Geometry,
     Model,
+    PatchTrackerEstimate,
     PatchTrackerParams,
-    PatchTrackerReport,
     PatchTrackerState,
     Pose,
     box_at,
@@ -87,18 +87,21 @@ def start(frame: Frame, box: Box, params: PatchTrackerParams) -> PatchTrackerSta
     view = View(frame, g, pose, g.weights[np.newaxis], None)
     model = _first_model(view, g, pose)
     patch = model.previous
-    report = PatchTrackerReport(
-        box, 0.0, True, 1.0, False, *_window(g, pose), patch, patch, np.zeros((*patch.shape, 2), np.float32), 1.0,
-        np.zeros_like(g.lattice.fade), 1.0, (1.0,), 1.0, _GOOD,
+    window, across = _window(g, pose)
+    estimate = PatchTrackerEstimate(
+        box=box, ok=True, score=1.0, window=window, step=across, previous=patch, current=patch,
+        flow=np.zeros((*patch.shape, 2), np.float32), angle=0.0, peak=1.0, response=np.zeros_like(g.lattice.fade),
+        agreement=1.0, keys=(1.0,), kept=1.0, verdict=_GOOD,
     )  # fmt: skip
-    return PatchTrackerState(g, pose, (0.0, 0.0), model, 1.0, 1, 0, g.body, None, view.part, report)
+    return PatchTrackerState(g, pose, (0.0, 0.0), model, 1.0, 1, 0, g.body, None, view.part, estimate)
 
 
-def _window(g: Geometry, pose: Pose) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Origin and step of the fine patch at a pose."""
+def _window(g: Geometry, pose: Pose) -> tuple[Box, float]:
+    """Fine patch at a pose, frame px, and frame px per sample across it."""
     rows, columns = g.weights.shape
     across, down = g.fine_step * pose.sx, g.fine_step * pose.sy
-    return (pose.cx + 0.5 - 0.5 * columns * across, pose.cy + 0.5 - 0.5 * rows * down), (across, down)
+    width, height = columns * across, rows * down
+    return Box(pose.cx + 0.5 - 0.5 * columns * across, pose.cy + 0.5 - 0.5 * rows * down, width, height), across
 
 
 def _first_model(view: View, g: Geometry, pose: Pose) -> Model:
@@ -130,7 +133,7 @@ def step(
     Returns
     -------
     PatchTrackerState
-        Its `report` holds the box.
+        Its `estimate` holds the box.
     """
     if near is not None:
         state = state._replace(hint=state.pose._replace(cx=near[0] - 0.5, cy=near[1] - 0.5))
@@ -168,12 +171,14 @@ def step(
     model = model._replace(located=finders.notice(model.located, found.seen.change))
     # Without `rotation` the turn is only how the object is found: the box stays that of the first frame.
     box = box_at(g, pose if params.rotation else pose._replace(angle=0.0))
-    report = PatchTrackerReport(
-        box, pose.angle, not lost, found.chance, lost, *_window(g, found.pose),
-        state.model.previous, carried.start.gray, carried.followed.flow, found.seen.height, found.seen.response,
-        carried.patch.agreement, tuple(keys), share, verdict,
+    window, across = _window(g, found.pose)
+    estimate = PatchTrackerEstimate(
+        box=box, ok=not lost, score=found.chance, window=window, step=across, previous=state.model.previous,
+        current=carried.start.gray, flow=carried.followed.flow, angle=pose.angle, peak=found.seen.height,
+        response=found.seen.response, agreement=carried.patch.agreement, keys=tuple(keys), kept=share,
+        verdict=verdict,
     )  # fmt: skip
-    return PatchTrackerState(g, pose, velocity, model, peak, good_frames, low, kept, hint, view.part, report)
+    return PatchTrackerState(g, pose, velocity, model, peak, good_frames, low, kept, hint, view.part, estimate)
 
 
 def _followed(
@@ -381,8 +386,8 @@ def ride(state: PatchTrackerState, box: Box) -> PatchTrackerState:
         sx=old.sx + _RIDE_RATE * (across - old.sx),
         sy=old.sy + _RIDE_RATE * (down - old.sy),
     )
-    report = state.report._replace(box=box, ok=True, lost=False)
-    return state._replace(pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, hint=None, report=report)
+    estimate = state.estimate.replace(box=box, ok=True)
+    return state._replace(pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, hint=None, estimate=estimate)
 
 
 def seek(state: PatchTrackerState, frame: Frame, params: PatchTrackerParams) -> PatchTrackerState:
@@ -431,5 +436,5 @@ def dismiss(before: PatchTrackerState, after: PatchTrackerState) -> PatchTracker
     -------
     PatchTrackerState
     """
-    report = after.report._replace(box=before.report.box, ok=False, lost=True, score=0.0)
-    return before._replace(low=before.low + 1, report=report)
+    estimate = after.estimate.replace(box=before.estimate.box, ok=False, score=0.0)
+    return before._replace(low=before.low + 1, estimate=estimate)

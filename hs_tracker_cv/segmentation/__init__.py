@@ -7,12 +7,12 @@ Everything is a pure function from one frozen state to the next.
 from __future__ import annotations
 
 from .relocation import relocate
-from .state import SegmentationParams, SegmentationReport, SegmentationState
+from .state import SegmentationEstimate, SegmentationParams, SegmentationState
 from .tracking import belongs, reseed, start, step, watch
 
 __all__ = [
+    "SegmentationEstimate",
     "SegmentationParams",
-    "SegmentationReport",
     "SegmentationState",
     "belongs",
     "relocate",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -135,10 +134,10 @@ def _moved(
         counts = np.zeros((3, *size), np.float32)
         counts[0] = np.where(odds < -1.0, KNOWN, np.float32(0.0))
         atlas = Atlas(image, counts)
-    report = replace(
-        state.report, box=Box(box[0] * k, box[1] * k, box[2] * k, box[3] * k), ok=True, lost=False, occluded=False
+    estimate = state.estimate.replace(
+        box=Box(box[0] * k, box[1] * k, box[2] * k, box[3] * k), ok=True, occluded=False
     )
     return state.replace(
-        report=report, origin=origin, box=box, velocity=velocity, previous=image, gray=gray, odds=odds, shape=shape,
-        obj=obj, distractor=None, visible=None, atlas=atlas, occlusion=Occlusion(),
+        estimate=estimate, origin=origin, box=box, velocity=velocity, previous=image, gray=gray, odds=odds,
+        shape=shape, obj=obj, distractor=None, visible=None, atlas=atlas, occlusion=Occlusion(),
     )  # fmt: skip

@@ -8,11 +8,11 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Box
+from ..estimate import Estimate
 from ..validation import Count, Shape, Within
 from .colour import BINS
 
-__all__ = ["Atlas", "Image", "Occlusion", "Plane", "SegmentationParams", "SegmentationReport", "SegmentationState"]
+__all__ = ["Atlas", "Image", "Occlusion", "Plane", "SegmentationEstimate", "SegmentationParams", "SegmentationState"]
 
 Plane = Annotated[NDArray[np.float32], Shape("h", "w")]
 """One value per window pixel, (h, w)."""
@@ -77,48 +77,23 @@ class SegmentationParams:
             raise ValueError(f"expected max_coast >= 1, got {self.max_coast}")
 
 
-@dataclass(frozen=True)
-class SegmentationReport:
-    """What one frame gave.
+@dataclass(frozen=True, kw_only=True)
+class SegmentationEstimate(Estimate):
+    """What one frame gave; the box is amodal while the object is occluded, the score by what is seen and explained.
 
     Parameters
     ----------
-    box : Box
-        The object's box, frame px, sub-pixel; amodal while occluded.
-    ok : bool
-        The object is located in this frame.
-    score : float
-        Probability that the box is right, 0–1, by how much is seen of the object and explained of the background.
-    occluded, lost : bool
-        Something is in front of the object; nothing of it is seen.
     unexplained : float
         f: share of the known background outside the mask whose noise-normalised error exceeds 5.
-    mask : ndarray, shape (h, w), uint8
-        Object pixels of the window.
-    origin : tuple of int
-        Top-left of the window, frame px.
-    step : int
-        Frame px per window pixel.
-    previous, current : ndarray, shape (h, w), float32
-        Gray windows the flow was computed on.
-    flow : ndarray, shape (h, w, 2), float32
-        Window px per frame.
     camera : tuple of float
         Camera translation, frame px per frame.
     """
 
-    box: Box
-    ok: bool
-    score: float
-    occluded: bool
-    lost: bool
-    unexplained: Annotated[float, Within(0.0, 1.0)]
-    mask: Annotated[NDArray[np.uint8], Shape("seen h", "seen w")]
-    origin: tuple[int, int]
-    step: _Step
     previous: _Seen
     current: _Seen
     flow: Annotated[NDArray[np.float32], Shape("seen h", "seen w", 2)]
+    mask: Annotated[NDArray[np.uint8], Shape("seen h", "seen w")]
+    unexplained: Annotated[float, Within(0.0, 1.0)]
     camera: tuple[float, float]
 
 
@@ -195,7 +170,7 @@ class SegmentationState:
 
     Parameters
     ----------
-    report : SegmentationReport
+    estimate : SegmentationEstimate
         Of the frame just seen.
     count : int
         Frames seen since the start.
@@ -239,7 +214,7 @@ class SegmentationState:
         the first.
     """
 
-    report: SegmentationReport
+    estimate: SegmentationEstimate
     count: Count
     step: _Step
     origin: tuple[int, int]

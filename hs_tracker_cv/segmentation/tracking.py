@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +15,8 @@ from . import mask as masks
 from . import occlusion as hiding
 from .labelling import Expected, Labels, Sight
 from .memory import Learned
-from .state import Occlusion, SegmentationParams, SegmentationReport, SegmentationState
-from .window import View, grab, lattice_step, look, place_window
+from .state import Occlusion, SegmentationEstimate, SegmentationParams, SegmentationState
+from .window import View, grab, lattice_step, look, place_window, window_box
 
 __all__ = ["reseed", "start", "step", "watch"]
 
@@ -53,7 +52,7 @@ def start(frame: Frame, box: Box, params: SegmentationParams) -> SegmentationSta
     Returns
     -------
     SegmentationState
-        Its report holds the box itself.
+        Its estimate is the box itself.
     """
     k = lattice_step(max(box.w, box.h), params.working_size)
     small = _to_lattice(box, k)
@@ -61,23 +60,22 @@ def start(frame: Frame, box: Box, params: SegmentationParams) -> SegmentationSta
     image, gray = grab(frame, origin, size, k)
     seed = memory.seed(image, small, origin)
     mask = (seed.odds > 0).view(np.uint8)
-    report = SegmentationReport(
+    estimate = SegmentationEstimate(
         box=box,
         ok=True,
         score=1.0,
         occluded=False,
-        lost=False,
         unexplained=0.0,
         mask=mask,
-        origin=(origin[0] * k, origin[1] * k),
-        step=k,
+        window=window_box(origin, size, k),
+        step=float(k),
         previous=gray,
         current=gray,
         flow=np.zeros((*size, 2), np.float32),
         camera=(0.0, 0.0),
     )
     return SegmentationState(
-        report=report,
+        estimate=estimate,
         count=0,
         step=k,
         origin=origin,
@@ -185,14 +183,14 @@ def reseed(state: SegmentationState, frame: Frame, box: Box, params: Segmentatio
     Returns
     -------
     SegmentationState
-        Its report is that of the old state, with the new box.
+        Its estimate is that of the old state, with the new box.
     """
     small = _to_lattice(box, state.step)
     moved = state.replace(box=small, velocity=(0.0, 0.0), linear=(0.0, 0.0, 0.0, 0.0), occlusion=Occlusion(), count=0)
     moved = _advance(moved, frame, params)
     seed = memory.seed(moved.previous, moved.box, moved.origin)
     return moved.replace(
-        report=replace(state.report, box=box, ok=True, score=1.0, occluded=False, lost=False),
+        estimate=state.estimate.replace(box=box, ok=True, score=1.0, occluded=False),
         odds=seed.odds,
         shape=seed.shape,
         obj=moved.previous,
@@ -336,16 +334,15 @@ def _conclude(
     # a single frame in which the mask fails is forgiven, one in which nothing at all is seen is not
     hidden = outcome.occlusion
     ok = hidden.coasting == 0 or (hidden.coasting == 1 and not hidden.vanished and outcome.share > _NOTHING)
-    report = SegmentationReport(
+    estimate = SegmentationEstimate(
         box=Box(x * k, y * k, outcome.box.w * k, outcome.box.h * k),
         ok=ok,
         score=_belief(outcome.share, learned.unexplained, moves.misfit) if ok else 0.0,
         occluded=outcome.occlusion.occluded,
-        lost=not ok,
         unexplained=learned.unexplained,
         mask=labels.mask,
-        origin=(state.origin[0] * k, state.origin[1] * k),
-        step=k,
+        window=window_box(state.origin, view.gray.shape, k),
+        step=float(k),
         previous=view.previous,
         current=view.gray,
         flow=moves.flow,
@@ -353,7 +350,7 @@ def _conclude(
     )
     rate = 0.15 if state.count else 1.0
     concluded = state.replace(
-        report=report,
+        estimate=estimate,
         count=state.count + 1,
         box=(x, y, outcome.box.w, outcome.box.h),
         velocity=outcome.velocity,

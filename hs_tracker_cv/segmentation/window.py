@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .._native.kernels.segmentation import resample, shift, smooth
 from ..frames import Frame, crop
+from ..geometry import Box
 from .state import EVEN_LIGHT, Image, Light, Plane, SegmentationState
 
 __all__ = [
@@ -247,3 +248,8 @@ def shifted(array: NDArray[np.float32], dx: int, dy: int, size: tuple[int, int],
 def shifted_mask(mask: NDArray[np.uint8], dx: int, dy: int, size: tuple[int, int]) -> NDArray[np.uint8]:
     """The same of a mask, 0 where it has no pixel."""
     return np.asarray(shifted(mask.astype(np.float32), dx, dy, size, 0.0), np.uint8)
+
+
+def window_box(origin: tuple[int, int], size: tuple[int, ...], step: int) -> Box:
+    """Where a window of the lattice is in the frame, px."""
+    return Box(float(origin[0] * step), float(origin[1] * step), float(size[1] * step), float(size[0] * step))

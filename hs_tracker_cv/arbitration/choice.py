@@ -16,28 +16,26 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-from .geometry import Box, iou
-from .validation import Count, Within
+from ..geometry import Box, iou
+from ..validation import Count, Within
+from .tuning import (
+    ALIKE,
+    APART,
+    FIRST_SWITCH,
+    FLOOR,
+    LEAST,
+    LEAVE,
+    LIKELY,
+    LIMIT,
+    RATE,
+    RATHER,
+    RETURN,
+    SIZE_WEIGHT,
+    TOGETHER,
+    WITNESS_FRAMES,
+)
 
-__all__ = ["LEAST", "WITNESS_FRAMES", "Choice", "agreement", "judge", "size_difference"]
-
-WITNESS_FRAMES = 20
-"""Frames after the start in which the size of the carried box can be relied on."""
-
-LEAST = 0.25
-"""Chance of being right below which nothing is believed."""
-
-SURELY = 0.9
-"""Chance from which the carried box answers for a segmentation that sees nothing: it was right in 78 of 78 frames."""
-
-_LIMIT = -2.25
-_SIZE_WEIGHT = 4.0
-_FLOOR = 0.01
-_RATE = 0.05
-_LEAVE, _RETURN = 0.0, -0.8  # doubt
-_FIRST_SWITCH = 6
-_TOGETHER, _ALIKE = 0.9, 0.25  # agreement and size difference: where both say the same, doubt says nothing
-_APART, _RATHER, _LIKELY = 0.5, 0.6, 0.7  # agreement; chances of the carried box: contradicting, and taking over
+__all__ = ["Choice", "agreement", "size_difference", "updated"]
 
 
 @dataclass(frozen=True)
@@ -77,21 +75,21 @@ class Choice:
     @property
     def unexplained(self) -> float:
         """Running share of the background that its memory does not explain, 0–1."""
-        return math.exp(self.log_unexplained) - _FLOOR
+        return math.exp(self.log_unexplained) - FLOOR
 
     @property
     def doubt(self) -> float:
         """How far the measurements speak against segmentation: positive, they do; negative, they do not."""
-        return self.log_unexplained + _SIZE_WEIGHT * self.size_difference - _LIMIT
+        return self.log_unexplained + SIZE_WEIGHT * self.size_difference - LIMIT
 
     @property
     def contradicted(self) -> bool:
         """The carried box is rather right than not, and elsewhere."""
-        return self.agreement < _APART and self.chance > _RATHER
+        return self.agreement < APART and self.chance > RATHER
 
     def outweighed(self, belief: float) -> bool:
         """A segment hardly to be believed stands against a carried box that is rather right than not."""
-        return self.trusted and belief < LEAST and self.chance > _RATHER
+        return self.trusted and belief < LEAST and self.chance > RATHER
 
     @property
     def carried_away(self) -> Choice:
@@ -111,7 +109,7 @@ class Choice:
         return 1.0 / (1.0 + math.exp(6.8 - evidence))
 
 
-def judge(choice: Choice, unexplained: float, difference: float | None) -> Choice:
+def updated(choice: Choice, unexplained: float, difference: float | None) -> Choice:
     """Take in the measurements of one frame.
 
     Parameters
@@ -130,9 +128,7 @@ def judge(choice: Choice, unexplained: float, difference: float | None) -> Choic
     """
     frames = choice.frames + 1
     # A plain mean at first, an exponential one later.
-    mean = choice.log_unexplained + max(_RATE, 1.0 / frames) * (
-        math.log(unexplained + _FLOOR) - choice.log_unexplained
-    )
+    mean = choice.log_unexplained + max(RATE, 1.0 / frames) * (math.log(unexplained + FLOOR) - choice.log_unexplained)
     size, witnessed = choice.size_difference, choice.witnessed
     if frames <= WITNESS_FRAMES and difference is not None:
         witnessed += 1
@@ -140,14 +136,14 @@ def judge(choice: Choice, unexplained: float, difference: float | None) -> Choic
     seen = replace(
         choice, frames=frames, log_unexplained=mean, size_difference=size, witnessed=witnessed, since=choice.since + 1
     )
-    if frames < _FIRST_SWITCH:
+    if frames < FIRST_SWITCH:
         return seen
     if seen.trusted:
-        alike = seen.agreement > _TOGETHER and seen.size_difference < _ALIKE
-        doubtful = seen.doubt >= _LEAVE and not alike
-        leave = seen.contradicted or (doubtful and seen.chance > _LIKELY)
+        alike = seen.agreement > TOGETHER and seen.size_difference < ALIKE
+        doubtful = seen.doubt >= LEAVE and not alike
+        leave = seen.contradicted or (doubtful and seen.chance > LIKELY)
         return seen.carried_away if leave else seen
-    return replace(seen, trusted=True, since=0) if seen.doubt < _RETURN else seen
+    return replace(seen, trusted=True, since=0) if seen.doubt < RETURN else seen
 
 
 def _log_odds(chance: float) -> float:

@@ -1,0 +1,64 @@
+"""The numbers of arbitration: what each is, its unit, and where it was chosen (docs/tuning.md lists them all)."""
+
+from __future__ import annotations
+
+WITNESS_FRAMES = 20
+"""Frames after the start in which both modes run, and the size of the carried box can be relied on."""
+
+LEAST = 0.25
+"""Chance of being right below which nothing is believed."""
+
+SURELY = 0.9
+"""Chance from which the carried box answers for a segmentation that sees nothing: it was right in 78 of 78 frames."""
+
+SURE = 0.8
+"""Score from which the carried box may take over from a segmentation that is doubted, and its size is compared."""
+
+ASK_EVERY = 8
+"""Frames between two questions to a carried box that rides on a segment: where would it be on its own?"""
+
+WATCH_EVERY = 2
+"""Frames between two measurements of the background of an object whose segmentation is not trusted."""
+
+UNDERSTOOD = 0.06
+"""Share of the background not explained below which what is new in the scene may be searched for the object."""
+
+SIGHTED = 0.45
+"""Score while a part of the object is seen: so often its box overlapped the truth by half (vanish suites)."""
+
+WHOLE = 0.8
+"""Share of the object seen from which segmentation begins anew there."""
+
+PATIENCE = 60
+"""Frames of another scene after which the object is looked for there, too: the camera may have been moved."""
+
+CERTAINLY = 0.95
+"""Chance from which the carried box is believed in a frame that seems to be of another scene: in cuts between real
+sequences .9 was too little (4 % of the answers True), .97 gave what .95 gives."""
+
+LIMIT = -2.25
+"""Log share of the background not explained at which segmentation is doubted, the sizes being alike."""
+
+SIZE_WEIGHT = 4.0
+"""Weight of the size difference beside that log share."""
+
+FLOOR = 0.01
+"""Added to the share of the background, so that its logarithm is finite."""
+
+RATE = 0.05
+"""Share of one frame in the running mean of that logarithm, once it is less than that of a plain mean."""
+
+LEAVE, RETURN = 0.0, -0.8
+"""Doubt from which segmentation is left, and below which it is followed again."""
+
+FIRST_SWITCH = 6
+"""Frames measured before segmentation is left."""
+
+TOGETHER, ALIKE = 0.9, 0.25
+"""Agreement above which and size difference below which both modes say the same: then doubt says nothing."""
+
+APART, RATHER = 0.5, 0.6
+"""Agreement below which and chance from which the carried box contradicts a segment."""
+
+LIKELY = 0.7
+"""Chance from which the carried box takes over from a segment that is doubted."""
