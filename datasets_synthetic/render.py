@@ -330,11 +330,15 @@ def _frame_attributes(
 
 
 class Truth(NamedTuple):
-    """Where the target is in each of T frames; see :class:`~datasets_synthetic.Sequence`."""
+    """Where the target is in each of T frames; see :class:`~datasets_synthetic.Sequence`.
+
+    Of each mask only the window that it is in: its left column and top row, and its pixels (h, w).
+    """
 
     boxes: NDArray[np.float64]
     visible_boxes: NDArray[np.float64]
     visibility: NDArray[np.float64]
+    masks: tuple[tuple[int, int, NDArray[np.bool_]], ...] = ()
 
 
 def _target_in(
@@ -382,9 +386,22 @@ def objects(spec: SequenceSpec) -> tuple[Truth, ...]:
 
 
 def _truth(painter: _Painter) -> Truth:
-    found = [_target_in(painter, painter.outlines(float(t), t), t)[:3] for t in range(painter.spec.frames)]
-    boxes, visible, shares = zip(*found, strict=True)
-    return Truth(np.array(boxes), np.array(visible), np.array(shares))
+    found = [_truth_at(painter, t) for t in range(painter.spec.frames)]
+    boxes, visible, shares, masks = zip(*found, strict=True)
+    return Truth(np.array(boxes), np.array(visible), np.array(shares), masks)
+
+
+def _truth_at(
+    painter: _Painter, t: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, tuple[int, int, NDArray[np.bool_]]]:
+    canvas = painter.outlines(float(t), t)
+    box, visible, share, _ = _target_in(painter, canvas, t)
+    mask = canvas.target >= 0.5
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not rows.size:
+        return box, visible, share, (0, 0, np.zeros((0, 0), dtype=np.bool_))
+    x, y = int(columns[0]), int(rows[0])
+    return box, visible, share, (x, y, mask[y : int(rows[-1]) + 1, x : int(columns[-1]) + 1].copy())
 
 
 def frames(spec: SequenceSpec) -> Iterator[Frame]:

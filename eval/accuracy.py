@@ -22,12 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .framesource import FrameSourceError
-from .process import Child, ChildError, KilledError, Limits, isolation
+from .process import Answer, Child, ChildError, KilledError, Limits, isolation
 from .protocols import ONE_PASS, Box, Protocol, Step
+from .regions import Mask, polygon_text
 from .results import COMPLETED, Folder, ResultsError, Run, Trajectory, provenance
 from .scheduling import ATTEMPTS, in_parallel
 from .sequences import Sequence
 from .trackers import TrackerSpec, code_version
+from .worker import Arrays
 
 __all__ = [
     "TRACK",
@@ -333,12 +335,14 @@ class _Answers:
         self.started = False
         self.reached = 0  # frames that are done with
         self.trajectory = Trajectory(np.zeros(count, dtype=bool), np.full((count, 4), np.nan), np.full(count, np.nan))
+        self.regions = [""] * count
         self.marks: dict[str, list[int]] = {}
         self.reason = ""
 
-    def take(self, index: int, ok: bool, box: Iterable[float], score: float) -> None:
+    def take(self, index: int, ok: bool, box: Iterable[float], score: float, region: str = "") -> None:
         """Take down what was answered for a frame."""
         self.trajectory.ok[index], self.trajectory.boxes[index], self.trajectory.score[index] = ok, tuple(box), score
+        self.regions[index] = region
         self.reached = index + 1
 
 
@@ -351,7 +355,8 @@ class _Walk:
         self._seconds = 0.0
 
     def begin(self, index: int, frame: NDArray[Any], box: Box) -> float:
-        self._ask(open_request(self._job, index))
+        request, truth = open_request(self._job, index)
+        self._ask(request, *truth)
         self._ask({"do": "frame"}, frame)
         self._ask({"do": "init", "box": box})
         self._answers.started = True
@@ -361,25 +366,26 @@ class _Walk:
 
     def step(self, index: int, frame: NDArray[Any]) -> Step:
         self._ask({"do": "frame"}, frame)
-        answer = _checked(self._ask({"do": "update"}))
+        answer = _checked(*self._ask({"do": "update"})[:2], frame.shape[:2])
         self._answers.take(index, **answer)
         return Step(answer["ok"], answer["box"], self._seconds)
 
     def hold(self, index: int) -> None:
-        last = self._answers.trajectory
-        self._answers.take(index, bool(last.ok[index - 1]), last.boxes[index - 1], float(last.score[index - 1]))
+        last, before = self._answers.trajectory, index - 1
+        region = self._answers.regions[before]
+        self._answers.take(index, bool(last.ok[before]), last.boxes[before], float(last.score[before]), region)
 
     def mark(self, name: str, index: int) -> None:
         self._answers.marks.setdefault(name, []).append(index)
 
-    def _ask(self, content: Mapping[str, Any], *arrays: Any) -> dict[str, Any]:
+    def _ask(self, content: Mapping[str, Any], *arrays: Any) -> Answer:
         begin = perf_counter()
         try:
             answer = self._child.ask(content, arrays, seconds=max(self._left, 0.0))
         finally:
             self._left -= perf_counter() - begin
         self._seconds = answer.wall if np.isnan(answer.cpu) else answer.cpu
-        return answer.content
+        return answer
 
 
 def _follow(job: Job, answers: _Answers, server: _Server) -> None:
@@ -387,15 +393,19 @@ def _follow(job: Job, answers: _Answers, server: _Server) -> None:
     job.protocol.lead(_Walk(server.child(), job, answers, server.limits), job.sequence, begin)
 
 
-def _checked(answer: Mapping[str, Any]) -> dict[str, Any]:
+def _checked(answer: Mapping[str, Any], arrays: Arrays, shape: tuple[int, ...]) -> dict[str, Any]:
     """Numbers of the types that they should be: a tracker can write into its own process what it likes."""
     try:
         ok, box, score = bool(answer["ok"]), [float(value) for value in answer["box"]], float(answer["score"])
+        corners = [float(value) for value in answer["corners"]]
     except (KeyError, TypeError, ValueError, OverflowError):
         box = []
-    if len(box) != 4:
+    if len(box) != 4 or len(corners) not in (0, 8) or any(array.shape != shape for array in arrays):
         raise ChildError("wrote among its own answers")
-    return {"ok": ok, "box": box, "score": score}
+    region = polygon_text(corners) if corners and np.isfinite(corners).all() else ""
+    for mask in arrays:
+        region = Mask(0, 0, mask != 0).text or region
+    return {"ok": ok, "box": box, "score": score, "region": region}
 
 
 def with_parameters(limits: Limits, tracker: TrackerSpec) -> Limits:
@@ -404,18 +414,15 @@ def with_parameters(limits: Limits, tracker: TrackerSpec) -> Limits:
     return replace(limits, paths=(*limits.paths, *(value for value in named if os.path.exists(value))))
 
 
-def open_request(job: Job, first: int = 0) -> dict[str, Any]:
+def open_request(job: Job, first: int = 0) -> tuple[dict[str, Any], tuple[NDArray[Any], ...]]:
     """Request that makes a tracker; the truth from frame `first` on is in it only for a test double that asks."""
-    params = dict(job.tracker.params)
-    if job.tracker.sees_truth:
-        sequence = job.sequence
-        params["boxes"] = [
-            list(box) if visible > 0 and np.isfinite(box).all() else None
-            for box, visible in zip(
-                sequence.boxes[first:].tolist(), sequence.visibility[first:].tolist(), strict=True
-            )
-        ]
-    return {"do": "open", "factory": job.tracker.factory, "params": params, "seed": job.repeat}
+    tracker, sequence = job.tracker, job.sequence
+    request = {"do": "open", "factory": tracker.factory, "params": dict(tracker.params), "seed": job.repeat}
+    if not tracker.sees_truth:
+        return request, ()
+    boxes = np.where(sequence.visibility[first:, np.newaxis] > 0, sequence.boxes[first:], np.nan)
+    regions = "\n".join(sequence.regions[first:]) + "\n" * bool(sequence.regions)
+    return request, (boxes, np.frombuffer(regions.encode(), dtype=np.uint8))
 
 
 def _as_run(job: Job, key: str, answers: _Answers, stamp: Mapping[str, Any]) -> Run:
@@ -441,7 +448,7 @@ def _as_run(job: Job, key: str, answers: _Answers, stamp: Mapping[str, Any]) -> 
         start=job.start,
         repeat=job.repeat,
         status=status or COMPLETED,
-        trajectory=answers.trajectory,
+        trajectory=replace(answers.trajectory, regions=tuple(answers.regions) if any(answers.regions) else ()),
         provenance=details,
         protocol=job.protocol.key,
         marks={} if job.protocol.key == ONE_PASS.key else answers.marks,

@@ -16,14 +16,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .regions import Mask, mask_of_runs, read_region, region_box
 from .truthfiles import SequenceError, read_number, read_text
 
-__all__ = ["CocoVideo", "Tracks", "read_coco", "read_csv", "read_mot"]
+__all__ = ["CocoVideo", "Track", "Tracks", "read_coco", "read_csv", "read_mot"]
 
 FloatArray = NDArray[np.float64]
 Rows = dict[int, tuple[tuple[float, float, float, float], float]]
-Tracks = Mapping[str, tuple[FloatArray, FloatArray]]
-"""By object, boxes (T, 4) and visibility (T,) of all frames of the video: NaN and 0 where it is not."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """One object in all T frames of a video.
+
+    Parameters
+    ----------
+    boxes : ndarray, shape (T, 4)
+        NaN where it is not.
+    visibility : ndarray, shape (T,)
+        0 where it is not.
+    regions : tuple of str
+        See :class:`eval.sequences.Sequence`.
+    """
+
+    boxes: FloatArray
+    visibility: FloatArray
+    regions: tuple[str, ...] = ()
+
+
+Tracks = Mapping[str, Track]
+"""By the name of the object."""
 
 _CORNERS = (("xtl", "ytl", "xbr", "ybr"), ("x1", "y1", "x2", "y2"), ("xmin", "ymin", "xmax", "ymax"))
 _SIDES = (("x", "y", "w", "h"), ("x", "y", "width", "height"), ("left", "top", "width", "height"))
@@ -31,13 +53,14 @@ _NAMES = ("track_id", "object_id", "instance_id", "id", "label")
 _MOT_COLUMNS = (6, 7, 8, 9, 10)
 
 
-def _as_arrays(rows: Rows, count: int) -> tuple[FloatArray, FloatArray]:
+def _track(rows: Rows, count: int, regions: Mapping[int, str] | None = None) -> Track:
     boxes, visibility = np.full((count, 4), np.nan), np.zeros(count)
     for frame, (box, shown) in rows.items():
         boxes[frame], visibility[frame] = box, shown
     visibility[~(boxes[:, 2:] > 0).all(axis=1)] = 0.0
     boxes[~(boxes[:, 2:] > 0).all(axis=1)] = np.nan
-    return boxes, visibility
+    texts = tuple(regions.get(frame, "") for frame in range(count)) if regions else ()
+    return Track(boxes, visibility, texts)
 
 
 def _place(rows: Rows, frame: float, count: int, where: str) -> int:
@@ -76,7 +99,7 @@ def read_mot(path: Path, count: int) -> Tracks:
         rows = found.setdefault(f"{values[1]:g}", {})
         shown = values[8] if len(values) == 9 else 1.0
         rows[_place(rows, values[0] - 1, count, where)] = ((x - 1, y - 1, w, h), shown)
-    return {name: _as_arrays(rows, count) for name, rows in found.items()}
+    return {name: _track(rows, count) for name, rows in found.items()}
 
 
 @dataclass(frozen=True)
@@ -89,13 +112,17 @@ class CocoVideo:
 
 
 def read_coco(path: Path) -> list[CocoVideo]:
-    """Read a COCO file: images with `video_id` and `frame_id`, annotations with `track_id` or `instance_id`.
+    """Read a COCO file, or one of YouTube-VIS.
 
-    Without videos all images are one, in the order of their ids; without tracks there is one object. Of our own
-    exports the boxes of hidden frames come back too.
+    COCO's has images with `video_id` and `frame_id`, annotations with `track_id` or `instance_id`. Without videos all
+    images are one, in the order of their ids; without tracks there is one object. Of our own exports the boxes of
+    hidden frames come back too. YouTube-VIS has no images: its videos list `file_names`, and an annotation is an
+    object with lists of `bboxes` and `segmentations`, null where it is not seen. Masks are read where they are runs.
     """
     try:
         data = json.loads(read_text(path))
+        if "images" not in data:
+            return [_vis_video(video, data["annotations"], f"{path}") for video in data["videos"]]
         videos: dict[Any, list[dict[str, Any]]] = {}
         for image in data["images"]:
             videos.setdefault(image.get("video_id", 0), []).append(image)
@@ -107,10 +134,62 @@ def read_coco(path: Path) -> list[CocoVideo]:
             _coco_video(names.get(number, path.parent.name), images, notes, f"{path}")
             for number, images in videos.items()
         ]
-    except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+    except SequenceError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise SequenceError(
             f"{path}: expected COCO's images and annotations, got {type(error).__name__}: {error}"
         ) from error
+
+
+def _vis_video(video: Mapping[str, Any], notes: Iterable[Mapping[str, Any]], where: str) -> CocoVideo:
+    """One video of YouTube-VIS; boxes are those of the masks where the file has none."""
+    files = tuple(str(name) for name in video["file_names"])
+    tracks = {}
+    for note in notes:
+        if note["video_id"] != video["id"]:
+            continue
+        masks = [_mask_text(mask) for mask in note.get("segmentations") or [None] * len(files)]
+        boxes = note.get("bboxes") or [[*region_box(read_region(text))] if text else None for text in masks]
+        if not len(boxes) == len(masks) == len(files):
+            raise SequenceError(
+                f"{where}: annotation {note['id']}: expected {len(files)} boxes and masks, got {len(boxes)} and "
+                f"{len(masks)}"
+            )
+        rows: Rows = {}
+        for frame, box in enumerate(boxes):
+            if box is not None:
+                x, y, w, h = map(float, box)
+                rows[frame] = ((x, y, w, h), 1.0)
+        tracks[str(note["id"])] = _track(rows, len(files), {frame: text for frame, text in enumerate(masks) if text})
+    folder = Path(files[0]).parent.name if files else ""
+    return CocoVideo(str(video.get("name", folder or video["id"])), files, tracks)
+
+
+def _mask_text(segmentation: Any) -> str:
+    """Text of a mask that COCO's file holds as runs, column by column; empty for polygons and for none."""
+    if not isinstance(segmentation, dict):
+        return ""
+    height, width = segmentation["size"]
+    counts = segmentation["counts"]
+    # What runs down the columns is a mask lying on its side.
+    lying = mask_of_runs(0, 0, height, width, _unpacked(counts) if isinstance(counts, str) else counts)
+    return Mask(0, 0, lying.pixels.T).text
+
+
+def _unpacked(text: str) -> list[int]:
+    """Runs from COCO's compressed text: five bits a sign; from the fourth on, the difference to the last but one."""
+    counts: list[int] = []
+    value = shift = 0
+    for sign in text.encode("ascii"):
+        bits = sign - 48
+        value |= (bits & 0x1F) << shift
+        shift += 5
+        if not bits & 0x20:
+            value -= (1 << shift) if bits & 0x10 else 0
+            counts.append(value + (counts[-2] if len(counts) > 2 else 0))
+            value = shift = 0
+    return counts
 
 
 def _coco_video(
@@ -118,9 +197,14 @@ def _coco_video(
 ) -> CocoVideo:
     order = sorted(images, key=lambda image: image.get("frame_id", image.get("frame_index", image["id"])))
     found: dict[str, Rows] = {}
+    masks: dict[str, dict[int, str]] = {}
     for index, image in enumerate(order):
         for note in notes.get(image["id"], ()):
-            rows = found.setdefault(str(note.get("track_id", note.get("instance_id", 0))), {})
+            identity = str(note.get("track_id", note.get("instance_id", 0)))
+            rows = found.setdefault(identity, {})
+            mask = _mask_text(note.get("segmentation"))
+            if mask:
+                masks.setdefault(identity, {})[index] = mask
             x, y, w, h = (float(value) for value in note["bbox"])
             place = _place(rows, index, len(order), f"{where}: annotation {note.get('id')}")
             rows[place] = ((x, y, w, h), float(note.get("visibility", 1.0)))
@@ -128,7 +212,8 @@ def _coco_video(
             x, y, w, h = (float(value) for value in image["hidden_bbox"])
             found.setdefault("0", {})[index] = ((x, y, w, h), 0.0)
     files = tuple(str(image["file_name"]) for image in order)
-    return CocoVideo(name, files, {track: _as_arrays(rows, len(order)) for track, rows in found.items()})
+    tracks = {identity: _track(rows, len(order), masks.get(identity)) for identity, rows in found.items()}
+    return CocoVideo(name, files, tracks)
 
 
 def read_csv(path: Path, count: int, size: tuple[int, int], video: str) -> Tracks:
@@ -177,7 +262,7 @@ def _boxes_of_rows(rows: list[dict[str, str]], columns: list[str], count: int, p
         shown = read_number(row["visibility"].strip(), where) if row.get("visibility") else 1.0
         track = found.setdefault(row[identity].strip() if identity else "0", {})
         track[_place(track, read_number((row["frame"] or "").strip(), where), count, where)] = (box, shown)
-    return {name: _as_arrays(track, count) for name, track in found.items()}
+    return {name: _track(track, count) for name, track in found.items()}
 
 
 def _label_studio(
@@ -191,7 +276,7 @@ def _label_studio(
     try:
         tracks = json.loads(chosen[0][column])
         return {
-            str(number): _as_arrays(_between(track["sequence"], count, size), count)
+            str(number): _track(_between(track["sequence"], count, size), count)
             for number, track in enumerate(tracks, start=1)
         }
     except (ValueError, KeyError, TypeError) as error:

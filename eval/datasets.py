@@ -27,7 +27,7 @@ from hs_tracker_cv.video import VideoError, image_files, native_name, read_image
 from .annotations import Tracks, read_coco, read_csv, read_mot
 from .framesource import FrameSource
 from .sequences import Sequence
-from .truthfiles import SequenceError, SequenceWarning, read_attributes, read_boxes, read_numbers, read_scene
+from .truthfiles import SequenceError, SequenceWarning, read_attributes, read_box_file, read_numbers, read_scene
 
 __all__ = ["DATASETS", "canonical_dataset", "load_dataset"]
 
@@ -62,6 +62,7 @@ def _from_images(
     boxes: NDArray[np.float64],
     visible: NDArray[np.float64] | None,
     scene: str = "",
+    regions: tuple[str, ...] = (),
 ) -> Sequence:
     """Make a sequence of images and of boxes, of which either may be one too many."""
     count = _common_count(name, len(images), len(boxes))
@@ -71,7 +72,8 @@ def _from_images(
         raise SequenceError(f"{name}: cannot read {error}") from error
     paths = tuple(str(path) for path in images[:count])
     size = (first.shape[1], first.shape[0])
-    return _sequence(name, FrameSource(paths, "images", count), boxes[:count], visible, folder, size, scene)
+    source = FrameSource(paths, "images", count)
+    return _sequence(name, source, boxes[:count], visible, folder, size, scene, regions[:count])
 
 
 def _common_count(name: str, frames: int, boxes: int) -> int:
@@ -93,6 +95,7 @@ def _sequence(
     folder: Path,
     size: tuple[int, int],
     scene: str = "",
+    regions: tuple[str, ...] = (),
 ) -> Sequence:
     """Whatever the layout: where there is no box there is no object, and our exports say what can be seen of it."""
     count = len(boxes)
@@ -101,15 +104,19 @@ def _sequence(
     presence = np.asarray(np.isfinite(boxes).all(axis=1), dtype=np.float64)
     # What is not known stays unknown; elsewhere there is no object where there is no box.
     visibility = presence if shown is None else np.where(np.isnan(shown[:count]), np.nan, presence * shown[:count])
-    digest = _hash(source.paths, boxes, visibility)
+    regions = regions if any(regions) else ()
+    digest = _hash(source.paths, regions, boxes, visibility)
     scene = read_scene(folder) or scene
-    return Sequence(name, source, boxes, visibility, read_attributes(folder), size, digest, scene=scene)
+    attributes = read_attributes(folder)
+    return Sequence(name, source, boxes, visibility, attributes, size, digest, scene=scene, regions=regions)
 
 
-def _hash(paths: Iterable[str], *arrays: NDArray[np.float64]) -> str:
+def _hash(paths: Iterable[str], texts: Iterable[str], *arrays: NDArray[np.float64]) -> str:
     digest = hashlib.sha256(_hash_files([Path(path) for path in paths]).encode())
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
+    for text in texts:
+        digest.update(text.encode() + b"\n")
     return digest.hexdigest()[:16]
 
 
@@ -146,7 +153,7 @@ def _digest_folder() -> Path:
 
 def _otb(folder: Path, name: str, truth: Path) -> Sequence:
     images = _images_in(folder / "img")
-    boxes = read_boxes(truth, first=1, count=len(images))
+    boxes = read_box_file(truth, first=1, count=len(images)).boxes
     start = OTB_FIRST_FRAME.get(folder.name.lower())
     if start is not None and len(images) != len(boxes):
         numbered = [path for path in images if path.stem.isdecimal() and start <= int(path.stem) < start + len(boxes)]
@@ -166,13 +173,13 @@ def _otb_readers(folder: Path) -> Readers:
 
 def _vot(folder: Path) -> Sequence:
     images = _images_in(folder / "color" if (folder / "color").is_dir() else folder)
-    boxes = read_boxes(folder / "groundtruth.txt", first=0, count=len(images))
-    return _from_images(folder.name, folder, images, boxes, None)
+    boxes, regions = read_box_file(folder / "groundtruth.txt", first=0, count=len(images))
+    return _from_images(folder.name, folder, images, boxes, None, regions=regions)
 
 
 def _got10k(folder: Path) -> Sequence:
     images = _images_in(folder)
-    boxes = read_boxes(folder / "groundtruth.txt", first=0, count=len(images))
+    boxes = read_box_file(folder / "groundtruth.txt", first=0, count=len(images)).boxes
     if len(boxes) == 1 and len(images) > 2:
         # The test split keeps its truth to itself: where the object is later on, and whether, nobody knows here.
         unknown = np.full(len(images) - 1, np.nan)
@@ -190,7 +197,7 @@ def _got10k(folder: Path) -> Sequence:
 def _lasot(folder: Path) -> Sequence:
     """Boxes are taken as they are, as got10k's reader takes them."""
     images = _images_in(folder / "img")
-    boxes = read_boxes(folder / "groundtruth.txt", first=0, count=len(images))
+    boxes = read_box_file(folder / "groundtruth.txt", first=0, count=len(images)).boxes
     hidden = np.zeros(len(boxes))
     for name in ("full_occlusion.txt", "out_of_view.txt"):
         flags = read_numbers(folder / name, len(boxes), 1.0)
@@ -208,12 +215,13 @@ def _mot_readers(folder: Path) -> Readers:
 def _track_readers(name: str, folder: Path, images: Listing[Path], tracks: Tracks) -> Readers:
     """Sequences of one video, which is one scene; an object that is there for a single frame is none."""
     found: dict[str, Callable[[], Sequence]] = {}
-    for track, (boxes, visibility) in tracks.items():
-        seen = np.flatnonzero(np.isfinite(boxes).all(axis=1))
+    for identity, track in tracks.items():
+        seen = np.flatnonzero(np.isfinite(track.boxes).all(axis=1))
         if seen.size >= 2:
             part = slice(int(seen[0]), int(seen[-1]) + 1)
-            own = name if len(tracks) == 1 else f"{name}-{track}"
-            found[own] = partial(_from_images, own, folder, images[part], boxes[part], visibility[part], name)
+            own = name if len(tracks) == 1 else f"{name}-{identity}"
+            truth = track.boxes[part], track.visibility[part], name, track.regions[part]
+            found[own] = partial(_from_images, own, folder, images[part], *truth)
     return found
 
 
@@ -246,9 +254,9 @@ def _csv(where: str) -> Readers:
     names = {track: f"{video.stem}-{track}" if len(tracks) > 1 else video.stem for track in tracks}
     # A video is followed from its first frame on: what comes later has no start there.
     found = {
-        names[track]: partial(_from_video, names[track], video, boxes, visibility, table.parent, size)
-        for track, (boxes, visibility) in tracks.items()
-        if np.isfinite(boxes[0]).all()
+        names[name]: partial(_from_video, names[name], video, track.boxes, track.visibility, table.parent, size)
+        for name, track in tracks.items()
+        if np.isfinite(track.boxes[0]).all()
     }
     if not found:
         raise SequenceError(f"{table}: no object with a box in the first frame of {video.name}")
@@ -306,9 +314,9 @@ def _video(where: str) -> Readers:
 
 def _read_video(video: Path, box_file: Path) -> Sequence:
     frames, size = _count_frames(video)
-    boxes = read_boxes(box_file, first=0, count=frames)
+    boxes, regions = read_box_file(box_file, first=0, count=frames)
     count = _common_count(video.stem, frames, len(boxes))
-    return _from_video(video.stem, video, boxes[:count], None, box_file.parent, size)
+    return _from_video(video.stem, video, boxes[:count], None, box_file.parent, size, regions[:count])
 
 
 def _from_video(
@@ -318,9 +326,10 @@ def _from_video(
     visible: NDArray[np.float64] | None,
     folder: Path,
     size: tuple[int, int],
+    regions: tuple[str, ...] = (),
 ) -> Sequence:
     source = FrameSource((str(video),), "video", len(boxes))
-    return _sequence(name, source, boxes, visible, folder, size, video.stem)
+    return _sequence(name, source, boxes, visible, folder, size, video.stem, regions)
 
 
 def _count_frames(video: Path) -> tuple[int, tuple[int, int]]:

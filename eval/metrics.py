@@ -15,6 +15,9 @@ Conventions
   ever more thresholds it becomes the mean IoU.
 * Distances: precision counts those ≤ 20 px; normalised precision divides by the size of the reference box and counts
   those ≤ 0.2, which is LaSOT's value.
+* *mask IoU* and *rotated IoU* are over the frames whose truth is a mask (of what can be seen), and those whose truth
+  is a rotated box. The answer is the tracker's mask where it gives one, else its rotated box, else its box, so that
+  of trackers that answer with boxes this says how well a box can stand for the object.
 * Columns that end in *(OTB)* and *(GOT-10k)* count as these toolkits do. Both hold the last box in a frame answered
   with ``ok=False``. OTB scores all frames, the first (as perfect) and hidden ones included, without clipping boxes to
   the frame, and takes IoU > t at 21 thresholds, where a perfect tracker scores 20/21. GOT-10k scores every frame but
@@ -23,11 +26,14 @@ Conventions
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .regions import Mask, box_polygon, read_region, region_iou
 
 __all__ = [
     "COUNTS",
@@ -82,6 +88,8 @@ class Metric:
 
 METRICS: dict[str, Metric] = {
     "mean_iou": Metric("mean IoU", "", "higher"),
+    "mask_iou": Metric("mask IoU", "", "higher"),
+    "rotated_iou": Metric("rotated IoU", "", "higher"),
     "auc": Metric("AUC", "", "higher"),
     "auc_otb": Metric("AUC (OTB)", "", "higher"),
     "sr50": Metric("SR@0.5", "", "higher"),
@@ -112,6 +120,8 @@ class FrameScores:
     ok : ndarray of bool, shape (T−1,)
     iou : ndarray, shape (T−1,)
         NaN where not visible.
+    mask_iou, rotated_iou : ndarray, shape (T−1,)
+        NaN where not visible, or the truth has no such region.
     distance, normalised_distance : ndarray, shape (T−1,)
         Of the centres, px and in box sizes; infinite for a missing answer, NaN where not visible.
     otb_iou, otb_distance : ndarray, shape (T,)
@@ -124,6 +134,8 @@ class FrameScores:
     invisible: NDArray[np.bool_]
     ok: NDArray[np.bool_]
     iou: FloatArray
+    mask_iou: FloatArray
+    rotated_iou: FloatArray
     distance: FloatArray
     normalised_distance: FloatArray
     otb_iou: FloatArray
@@ -187,6 +199,9 @@ def frame_scores(
     estimated: FloatArray,
     ok: NDArray[np.bool_],
     size: tuple[int, int],
+    *,
+    true_regions: Sequence[str] = (),
+    regions: Sequence[str] = (),
 ) -> FrameScores:
     """Score each frame but the first.
 
@@ -199,13 +214,21 @@ def frame_scores(
     ok : ndarray of bool, shape (T,)
     size : (int, int)
         Width and height of the frame, px.
+    true_regions, regions : sequence of T str, optional
+        Masks and rotated boxes, as :mod:`eval.regions` writes them; of what is empty the box counts.
 
     Raises
     ------
     ValueError
         If the lengths differ.
     """
-    lengths = {len(reference), len(visibility), len(estimated), len(ok)}
+    lengths = {
+        len(reference),
+        len(visibility),
+        len(estimated),
+        len(ok),
+        *map(len, filter(len, (true_regions, regions))),
+    }
     if len(lengths) != 1:
         raise ValueError(f"expected arrays of one length, got {sorted(lengths)}")
     reference, estimated = _validated(reference, "reference"), _validated(estimated, "estimated")
@@ -217,6 +240,7 @@ def frame_scores(
     visible = (np.asarray(visibility)[1:] >= MIN_VISIBILITY) & (_area(edges) > 0)
     answered = np.asarray(ok, dtype=bool)[1:] & np.isfinite(estimated).all(axis=1)
     iou = np.where(answered, iou_per_frame(reference, estimated, size), 0.0)
+    mask_iou, rotated_iou = _region_ious(true_regions[1:], regions[1:], estimated, visible, answered, size)
     offset = (answer[:, :2] + answer[:, 2:]) / 2 - (edges[:, :2] + edges[:, 2:]) / 2
     sides = np.where(visible[:, np.newaxis], edges[:, 2:] - edges[:, :2], 1.0)
     return FrameScores(
@@ -224,12 +248,36 @@ def frame_scores(
         invisible=np.asarray(visibility)[1:] <= 0,
         ok=np.asarray(ok, dtype=bool)[1:],
         iou=np.where(visible, iou, np.nan),
+        mask_iou=mask_iou,
+        rotated_iou=rotated_iou,
         distance=_masked(np.hypot(*offset.T), answered, visible),
         normalised_distance=_masked(np.hypot(*(offset / sides).T), answered, visible),
         otb_iou=otb_iou,
         otb_distance=otb_distance,
         got10k_iou=got10k_iou,
     )
+
+
+def _region_ious(
+    truths: Sequence[str],
+    regions: Sequence[str],
+    boxes: FloatArray,
+    visible: NDArray[np.bool_],
+    answered: NDArray[np.bool_],
+    size: tuple[int, int],
+) -> tuple[FloatArray, FloatArray]:
+    """IoU with the true masks, and with the true rotated boxes; NaN where there is none."""
+    masks, rotated = np.full(len(boxes), np.nan), np.full(len(boxes), np.nan)
+    for t, text in enumerate(truths):
+        if not (text and visible[t]):
+            continue
+        truth = read_region(text)
+        found = masks if isinstance(truth, Mask) else rotated
+        found[t] = 0.0
+        if answered[t]:
+            own = regions[t] if regions else ""
+            found[t] = region_iou(truth, read_region(own) if own else box_polygon(boxes[t]), size)
+    return masks, rotated
 
 
 def _masked(distance: FloatArray, answered: NDArray[np.bool_], visible: NDArray[np.bool_]) -> FloatArray:
@@ -315,6 +363,10 @@ def summarise(scores: FrameScores) -> dict[str, float]:
         found["sr75"] = _share(iou >= 0.75)
         found["precision20"] = _share(distance <= 20.0)
         found["normalised_precision"] = _share(normalised <= NORMALISED_THRESHOLD)
+    for name, values in (("mask_iou", scores.mask_iou), ("rotated_iou", scores.rotated_iou)):
+        known = values[np.isfinite(values)]
+        if known.size:
+            found[name] = float(known.mean())
     found["false_true"] = _share(scores.ok[scores.invisible])
     found["false_false"] = _share(~scores.ok[visible])
     found["true_off"] = _share(scores.ok[visible] & (iou < FAR_OFF))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hs_tracker_cv.video import VideoError, VideoSink
 
+from .regions import outlines, read_region
 from .results import ResultsError, Run
 from .sequences import Sequence
 
@@ -122,13 +123,21 @@ def _drawn(
     if np.isfinite(sequence.boxes[index]).all() and sequence.visibility[index] > 0:
         _rectangle(picture, sequence.boxes[index] * zoom, (0, 0, 0), 3)
         _rectangle(picture, sequence.boxes[index] * zoom, _TRUTH, 1)
+        _outline(picture, sequence.regions, index, zoom, _TRUTH)
     for name, run in runs.items():
         if np.isfinite(run.trajectory.boxes[index]).all():
             width = 2 if run.trajectory.ok[index] else 1
             _rectangle(picture, run.trajectory.boxes[index] * zoom, _bgr(colours[name]), width)
+            _outline(picture, run.trajectory.regions, index, zoom, _bgr(colours[name]))
     cv2.putText(picture, str(index), (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 3, cv2.LINE_AA)
     cv2.putText(picture, str(index), (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _TRUTH, 1, cv2.LINE_AA)
     return picture
+
+
+def _outline(picture: Image, regions: tuple[str, ...], index: int, zoom: float, colour: tuple[int, int, int]) -> None:
+    """Thin line round a mask or rotated box, where there is one."""
+    if regions and regions[index]:
+        cv2.polylines(picture, outlines(read_region(regions[index]), zoom), True, colour, 1, cv2.LINE_AA)
 
 
 def _rectangle(picture: Image, box: NDArray[np.float64], colour: tuple[int, int, int], width: int) -> None:

@@ -11,10 +11,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from .intervals import mean_interval
-from .metrics import FrameScores, frame_scores, summarise
+from .metrics import FrameScores, summarise
 from .protocols import BURN_IN, ONE_PASS
 from .results import Run
 from .sequences import Sequence
+from .statistics import score_answers
 
 __all__ = ["TITLES", "expected_overlap", "precision_recall", "protocol_tables"]
 
@@ -79,11 +80,7 @@ def protocol_tables(runs: Iterable[Run], sequences: Iterable[Sequence]) -> dict[
 
 def _led(run: Run, sequence: Sequence) -> _Led:
     first = run.marks.get("started", [0])[0]
-    answer = run.trajectory
-    scores = frame_scores(
-        sequence.boxes[first:], sequence.visibility[first:], answer.boxes[first:], answer.ok[first:], sequence.size
-    )
-    return _Led(run, sequence, first, scores)
+    return _Led(run, sequence, first, score_answers(sequence, run.trajectory, first))
 
 
 def _common(found: list[_Led]) -> dict[str, list[_Led]]:

@@ -11,9 +11,10 @@ from pathlib import Path
 import pandas as pd
 
 from .accuracy import make_jobs, run_jobs
-from .metrics import frame_scores, summarise
+from .metrics import summarise
 from .results import COMPLETED, Folder, ResultsError, Run, Trajectory, provenance
 from .sequences import Sequence
+from .statistics import score_answers
 from .trackers import TrackerSpec
 
 __all__ = ["REFERENCE", "SEQUENCE_TOLERANCE", "SUITE_TOLERANCE", "Comparison", "compare", "measure", "update"]
@@ -67,8 +68,7 @@ def measure(
 
 
 def _mean_iou(sequence: Sequence, trajectory: Trajectory) -> float:
-    scores = frame_scores(sequence.boxes, sequence.visibility, trajectory.boxes, trajectory.ok, sequence.size)
-    return round(summarise(scores)["mean_iou"], 4)
+    return round(summarise(score_answers(sequence, trajectory))["mean_iou"], 4)
 
 
 def update(path: Path, tracker: str, measured: dict[str, float]) -> None:

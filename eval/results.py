@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .framesource import FrameSource
+from .regions import read_region
 from .sequences import Sequence
 
 __all__ = ["COMPLETED", "FlowResult", "Folder", "ResultsError", "Run", "SpeedRun", "Trajectory", "provenance"]
@@ -60,11 +61,14 @@ class Trajectory:
         x, y, w, h, px; frame 0 holds the start box, frames without an answer NaN.
     score : ndarray, shape (T,)
         ``getTrackingScore()``; NaN where there is none.
+    regions : tuple of str
+        Of each frame the mask or rotated box that was answered, see :class:`eval.sequences.Sequence`.
     """
 
     ok: NDArray[np.bool_]
     boxes: NDArray[np.float64]
     score: NDArray[np.float64]
+    regions: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -407,6 +411,7 @@ def _run_to_json(run: Run) -> dict[str, Any]:
         "ok": trajectory.ok.astype(int).tolist(),
         "boxes": [_numbers(box) for box in trajectory.boxes],
         "score": _numbers(trajectory.score),
+        **({"regions": list(trajectory.regions)} if trajectory.regions else {}),
         **({} if run.protocol == _ONE_PASS else {"protocol": run.protocol, "marks": dict(run.marks)}),
     }
 
@@ -417,10 +422,20 @@ def _run_from_json(data: dict[str, Any]) -> Run:
     score = _array(data["score"])
     if not len(ok) == len(boxes) == len(score) > 0:
         raise ValueError(f"{len(ok)} flags, {len(boxes)} boxes and {len(score)} scores")
-    trajectory = Trajectory(ok, boxes, score)
+    trajectory = Trajectory(ok, boxes, score, _regions_of(data, len(ok)))
     names = ("key", "tracker", "sequence", "start", "repeat", "status", "provenance")
     led = {name: data[name] for name in ("protocol", "marks") if name in data}
     return Run(trajectory=trajectory, **{name: data[name] for name in names}, **led)
+
+
+def _regions_of(data: Mapping[str, Any], count: int) -> tuple[str, ...]:
+    """Regions of a file, each of which can be read; ValueError for what is none."""
+    regions = tuple(data.get("regions", ()))
+    if regions and len(regions) != count:
+        raise ValueError(f"{count} frames and {len(regions)} regions")
+    for text in filter(None, regions):
+        read_region(text)
+    return regions
 
 
 def _sequence_to_json(sequence: Sequence) -> dict[str, Any]:
@@ -434,6 +449,7 @@ def _sequence_to_json(sequence: Sequence) -> dict[str, Any]:
         "digest": sequence.digest,
         "parameters": dict(sequence.parameters),
         "scene": sequence.scene,
+        **({"regions": list(sequence.regions)} if sequence.regions else {}),
     }
 
 
@@ -448,4 +464,5 @@ def _sequence_from_json(data: dict[str, Any]) -> Sequence:
         digest=data["digest"],
         parameters=dict(data.get("parameters", {})),
         scene=data.get("scene", ""),
+        regions=_regions_of(data, len(data["boxes"])),
     )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .framesource import FrameSource
+from .regions import Mask
 from .rendered import digest_of, text_of
 from .truthfiles import SequenceError
 
@@ -45,6 +46,9 @@ class Sequence:
     scene : str
         What it shares with others that are no independent evidence beside it: one camera, one video. By default its
         own name: it shares nothing.
+    regions : tuple of str
+        Of each frame the mask or rotated box, as :mod:`eval.regions` writes them, empty where there is only a box;
+        no entries where no frame has one.
     """
 
     name: str
@@ -56,6 +60,7 @@ class Sequence:
     digest: str
     parameters: Mapping[str, str | float] = field(default_factory=dict)
     scene: str = ""
+    regions: tuple[str, ...] = ()
 
     @property
     def theme(self) -> str:
@@ -68,6 +73,8 @@ class Sequence:
             raise SequenceError(
                 f"{self.name}: {len(self)} frames, but boxes {self.boxes.shape}, visibility {self.visibility.shape}"
             )
+        if self.regions and len(self.regions) != len(self):
+            raise SequenceError(f"{self.name}: {len(self)} frames, but {len(self.regions)} regions")
         if len(self) < 2:
             raise SequenceError(f"{self.name}: expected at least 2 frames, got {len(self)}")
         if not np.isfinite(self.boxes[0]).all():
@@ -86,6 +93,7 @@ class Sequence:
             frames=replace(self.frames, count=count),
             boxes=self.boxes[:count],
             visibility=self.visibility[:count],
+            regions=self.regions[:count],
             digest=f"{self.digest}-{count}",
         )
 
@@ -140,4 +148,7 @@ def from_spec(spec: SequenceSpec) -> Sequence:
     digest, known = digest_of(spec), truth(spec)
     source = FrameSource((text_of(spec), digest), "drawn", spec.frames)
     shown = parameters(spec) if spec.theme else {}
-    return Sequence(spec.name, source, known.boxes, known.visibility, spec.attributes, spec.size, digest, shown)
+    regions = tuple(Mask(*mask).text for mask in known.masks)
+    return Sequence(
+        spec.name, source, known.boxes, known.visibility, spec.attributes, spec.size, digest, shown, regions=regions
+    )

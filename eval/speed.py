@@ -176,7 +176,7 @@ class _Turns:
             child = Child(TRACK, limits, hidden=self._hidden)
             self._workers[name] = child, Clock(child, first)
         child, clock = self._workers[name]
-        child.ask(open_request(Job(tracker, self._sequence)))
+        child.ask(*open_request(Job(tracker, self._sequence)))
         child.ask({"do": "frame"}, [first])
         child.ask({"do": "init", "box": start_box(self._sequence, 0)})
         clock.begin(first)

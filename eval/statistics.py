@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .intervals import critical_difference, holm, mean_interval, share_interval, sign_flip_p
 from .metrics import COUNTS, METRICS, FrameScores, frame_scores, precision_curve, success_curve, summarise
-from .results import COMPLETED, Run, SpeedRun
+from .results import COMPLETED, Run, SpeedRun, Trajectory
 from .sequences import Sequence
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "per_attribute",
     "per_sequence",
     "per_theme",
+    "score_answers",
     "score_before_loss",
     "score_frames",
     "score_quality",
@@ -67,9 +68,21 @@ def score_frames(runs: Iterable[Run], sequences: Iterable[Sequence]) -> list[Sco
     for run in runs:
         sequence, answer = known[run.sequence], run.trajectory
         if run.provenance.get("digest") == sequence.digest and len(answer.ok) == len(sequence):
-            frames = frame_scores(sequence.boxes, sequence.visibility, answer.boxes, answer.ok, sequence.size)
-            scored.append(ScoredRun(run, sequence, frames))
+            scored.append(ScoredRun(run, sequence, score_answers(sequence, answer)))
     return scored
+
+
+def score_answers(sequence: Sequence, answer: Trajectory, first: int = 0) -> FrameScores:
+    """Score what was answered against the truth of a sequence, from frame `first`, where the tracker started."""
+    return frame_scores(
+        sequence.boxes[first:],
+        sequence.visibility[first:],
+        answer.boxes[first:],
+        answer.ok[first:],
+        sequence.size,
+        true_regions=sequence.regions[first:],
+        regions=answer.regions[first:],
+    )
 
 
 def score_table(scored: Iterable[ScoredRun]) -> pd.DataFrame:

@@ -17,11 +17,12 @@ from matplotlib.figure import Figure
 
 from .accuracy import Job, make_jobs
 from .intervals import mean_interval, share_interval
-from .metrics import FAR_OFF, FrameScores, frame_scores
+from .metrics import FAR_OFF, FrameScores
 from .plots import SETTINGS, style_of
 from .protocols import misplaced
 from .results import Run
 from .sequences import Sequence, from_spec
+from .statistics import score_answers
 from .trackers import TrackerSpec
 from .truthfiles import SequenceError
 
@@ -155,8 +156,7 @@ def sweep_table(grid: Grid, runs: list[Run], sequences: list[Sequence]) -> pd.Da
         value = errors.get(run.protocol) if grid.name == BOX else sequence.parameters.get("swept")
         if value not in grid.values:
             continue
-        answer = run.trajectory
-        scores = frame_scores(sequence.boxes, sequence.visibility, answer.boxes, answer.ok, sequence.size)
+        scores = score_answers(sequence, run.trajectory)
         wrong, judged = _wrong(scores)
         iou = float(scores.iou[scores.visible].mean()) if scores.visible.any() else math.nan
         rows.append({"tracker": run.tracker, "value": value, "iou": iou, "wrong": wrong, "judged": judged})

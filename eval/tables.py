@@ -175,8 +175,8 @@ _EXTRA_TITLES = {
     "least": "least ×",
 }
 _COLUMNS = (
-    "mean_iou", "interval", "q05", "auc", "sr50", "sr75", "precision20", "normalised_precision", "auc_otb",
-    "precision_otb", "ao_got10k", "sr50_got10k", "sr75_got10k",
+    "mean_iou", "interval", "q05", "mask_iou", "rotated_iou", "auc", "sr50", "sr75", "precision20",
+    "normalised_precision", "auc_otb", "precision_otb", "ao_got10k", "sr50_got10k", "sr75_got10k",
 )  # fmt: skip
 _COLUMNS_AFTER = (
     "perturbed_iou", "false_true", "false_false", "true_off", "sure_wrong", "ece", "failed", "fps", "p95_ms", "ratio",

@@ -3,7 +3,8 @@
 Requests: ``{"do": "open", "factory": "pkg.module:name", "params": {...}, "seed": 0}``; ``{"do": "frame"}`` with an
 image, which the next two are about; ``{"do": "init", "box": [x, y, w, h]}``; ``{"do": "update"}``, whose answer is
 ``{"ok": true, "box": [x, y, w, h], "score": 0.9, "cpu_ms": 1.2, "wall_ms": 1.3}``: the times are of the call of
-`update` alone. A process may be asked to open one tracker after another.
+`update` alone. A rotated box comes as its four `corners` beside the box round it, a mask as an array. A process may
+be asked to open one tracker after another.
 """
 
 from __future__ import annotations
@@ -67,13 +68,16 @@ class Track:
             cv2.setRNGSeed(content["seed"])
             random.seed(content["seed"])
             np.random.seed(content["seed"])  # noqa: NPY002 - the one that trackers draw from unasked
-            self._tracker = resolve(content["factory"])(**content["params"])
+            params = dict(content["params"])
+            if arrays:  # a test double that sees the truth
+                params |= {"boxes": arrays[0], "regions": bytes(arrays[1]).decode().splitlines()}
+            self._tracker = resolve(content["factory"])(**params)
         elif content["do"] == "frame":
             self._frame = arrays[0]
         elif content["do"] == "init":
             self._init(content["box"])
         else:
-            return self._update(), ()
+            return self._update(), self._mask()
         return {}, ()
 
     def _init(self, box: list[int]) -> None:
@@ -85,8 +89,18 @@ class Track:
         start, busy = perf_counter(), process_time()
         answer = self._tracker.update(self._frame)
         times = {"cpu_ms": 1000.0 * (process_time() - busy), "wall_ms": 1000.0 * (perf_counter() - start)}
-        ok, box = _checked(answer)
-        return {"ok": ok, "box": box, "score": self._score(), **times}
+        ok, box, corners = _checked(answer)
+        return {"ok": ok, "box": box, "corners": corners, "score": self._score(), **times}
+
+    def _mask(self) -> Arrays:
+        """The object's pixels, from a tracker that has `getMask` and knows them."""
+        mask = self._tracker.getMask() if hasattr(self._tracker, "getMask") else None
+        if mask is None or self._frame is None:
+            return ()
+        found = np.asarray(mask)
+        if found.shape != self._frame.shape[:2]:
+            raise ValueError(f"getMask returned shape {found.shape}, expected {self._frame.shape[:2]}")
+        return (np.asarray(found != 0),)
 
     def _score(self) -> float:
         # OpenCV 5 gives every tracker the method; −1 is its way of saying that there is no score.
@@ -94,12 +108,18 @@ class Track:
         return score if score >= 0 else math.nan
 
 
-def _checked(answer: Any) -> tuple[bool, list[float]]:
+def _checked(answer: Any) -> tuple[bool, list[float], list[float]]:
+    """Flag, box, and the corners of a rotated one: x, y of four, or OpenCV's centre, size and angle."""
     try:
         ok, box = answer
+        if isinstance(box, tuple) and len(box) == 3:
+            box = cv2.boxPoints(box).ravel()
         values = [float(value) for value in box]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, cv2.error):
         values = []
+    if len(values) == 8:
+        x, y = values[0::2], values[1::2]
+        return bool(ok), [min(x), min(y), max(x) - min(x), max(y) - min(y)], values
     if len(values) != 4:
         raise ValueError(f"update returned {answer!r}, expected (ok, (x, y, w, h))")
-    return bool(ok), values
+    return bool(ok), values, []

@@ -1,7 +1,8 @@
 """The trackers that can be judged: a literal table, and any ``pkg.module:factory`` besides.
 
 A factory takes the tracker's parameters as keywords and returns an object with cv2's ``init(image, boundingBox)``
-and ``update(image) -> (ok, box)``. Nothing else is asked of it.
+and ``update(image) -> (ok, box)``. Nothing else is asked of it; its box may also be four corners or OpenCV's rotated
+rectangle, and if it has ``getTrackingScore()`` or ``getMask()`` (pixels (H, W), or None), these are asked for.
 """
 
 from __future__ import annotations
@@ -104,7 +105,19 @@ TRACKERS: dict[str, TrackerSpec] = {
         _baseline("FrameDifferencing", "frame_differencing:FrameDifferencing", "regions"),
         _baseline("BackgroundModel", "background_model:BackgroundModel", "regions"),
         _baseline("Static", "known:Static"),
-        _baseline("Oracle", "known:Oracle", sees_truth=True, by_default=False),
+        TrackerSpec(
+            "Oracle",
+            "eval.baselines.known:Oracle",
+            sources=("eval.baselines.known", "eval.regions"),
+            sees_truth=True,
+            by_default=False,
+        ),
+        TrackerSpec(
+            "TrackerHS+mask",
+            "eval.baselines.masked:Masked",
+            sources=("hs_tracker_cv", "eval.baselines.masked"),
+            by_default=False,
+        ),
         _with_models("TrackerNano", "nano", backbone="*backbone*.onnx", neckhead="*head*.onnx"),
         _with_models("TrackerVit", "vit", net="*vit*track*.onnx"),
         _with_models("TrackerVit-normalised", "vit_normalised", net="*vit*track*.onnx"),

@@ -8,16 +8,19 @@ import re
 import warnings
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .regions import mask_of_runs, polygon_text, region_box
+
 __all__ = [
+    "BoxFile",
     "SequenceError",
     "SequenceWarning",
     "read_attributes",
-    "read_boxes",
+    "read_box_file",
     "read_number",
     "read_numbers",
     "read_scene",
@@ -58,7 +61,22 @@ def read_text(path: Path) -> str:
         ) from error
 
 
-def read_boxes(path: Path, *, first: int, count: int | None = None) -> NDArray[np.float64]:
+class BoxFile(NamedTuple):
+    """What a file of boxes says.
+
+    Parameters
+    ----------
+    boxes : ndarray, shape (T, 4)
+        x, y, w, h, 0-based; bounding boxes of masks and polygons; NaN where there is none.
+    regions : tuple of T str
+        Masks and polygons, as :mod:`eval.regions` writes them; empty where there is only a box.
+    """
+
+    boxes: NDArray[np.float64]
+    regions: tuple[str, ...]
+
+
+def read_box_file(path: Path, *, first: int, count: int | None = None) -> BoxFile:
     """Read a text file of boxes: one line per frame, separated by commas, tabs, semicolons or spaces.
 
     Parameters
@@ -72,10 +90,9 @@ def read_boxes(path: Path, *, first: int, count: int | None = None) -> NDArray[n
 
     Returns
     -------
-    ndarray, shape (T, 4)
-        x, y, w, h, 0-based. Lines of 8 numbers are polygons, lines that begin with m masks, of which this is the
-        bounding box. Lines that are
-        empty, hold a NaN or a box without area give NaN.
+    BoxFile
+        Lines of 8 numbers are polygons, lines that begin with m masks. Lines that are empty, hold a NaN or a box
+        without area have no box.
 
     Raises
     ------
@@ -85,18 +102,20 @@ def read_boxes(path: Path, *, first: int, count: int | None = None) -> NDArray[n
     lines = read_text(path).splitlines()
     while lines and not lines[-1].strip() and len(lines) > (count or 0):
         lines.pop()
-    boxes = [_read_box(line, f"{path}:{number}", first) for number, line in enumerate(lines, start=1)]
-    found = np.array(boxes, dtype=np.float64).reshape(-1, 4)
-    found[~(np.isfinite(found).all(axis=1) & (found[:, 2:] > 0).all(axis=1))] = np.nan
-    return found
+    read = [_read_box(line, f"{path}:{number}", first) for number, line in enumerate(lines, start=1)]
+    found = np.array([box for box, _ in read], dtype=np.float64).reshape(-1, 4)
+    there = np.asarray(np.isfinite(found).all(axis=1) & (found[:, 2:] > 0).all(axis=1))
+    found[~there] = np.nan
+    return BoxFile(found, tuple(text if known else "" for (_, text), known in zip(read, there.tolist(), strict=True)))
 
 
-def _read_box(line: str, where: str, first: int) -> tuple[float, ...]:
+def _read_box(line: str, where: str, first: int) -> tuple[tuple[float, ...], str]:
+    """Box of a line, and the text of its region; NaN and nothing where it holds none."""
     if line.lstrip()[:1] in ("m", "M"):
-        return _box_of_mask(line.strip()[1:], where)
+        return _read_mask(line.strip()[1:], where)
     words = _words(line.strip(), where)
     if not words:
-        return (np.nan,) * 4
+        return (np.nan,) * 4, ""
     wrong = [word for word in words if not (_NUMBER.match(word) or _ABSENT.match(word))]
     if wrong:
         raise SequenceError(f"{where}: expected numbers, got {wrong[0]!r} in {line.strip()!r}")
@@ -105,30 +124,26 @@ def _read_box(line: str, where: str, first: int) -> tuple[float, ...]:
             f"{where}: expected 4 numbers or a polygon of 8, got {len(words)} in {line.strip()[:80]!r}"
         )
     if any(_ABSENT.match(word) for word in words):
-        return (np.nan,) * 4
+        return (np.nan,) * 4, ""
     # In decimals, so that what was written as x + 1 comes back as x to the last bit.
-    values = [Decimal(word) for word in words]
+    values, text = [Decimal(word) for word in words], ""
     if len(values) == 8:
+        text = polygon_text(float(value - first) for value in values)
         xs, ys = values[0::2], values[1::2]
         values = [min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)]
     x, y, w, h = values
-    return float(x - first), float(y - first), float(w), float(h)
+    return (float(x - first), float(y - first), float(w), float(h)), text
 
 
-def _box_of_mask(text: str, where: str) -> tuple[float, ...]:
-    """Bounding box of a mask as VOT writes it: x, y, w, h of a window, then lengths of runs, the first of zeros."""
+def _read_mask(text: str, where: str) -> tuple[tuple[float, ...], str]:
+    """Bounding box and text of a mask as VOT writes it: a window, then lengths of runs, the first of zeros."""
     numbers = [int(read_number(word, where)) for word in _words(text, where)]
     x, y, width, height, *runs = (*numbers, *(0,) * (4 - len(numbers)))
-    if min(runs, default=0) < 0 or sum(runs) > width * height:
-        raise SequenceError(f"{where}: expected runs within {width} × {height} px, got {sum(runs)} px")
-    pixels = np.zeros(max(width * height, 0), dtype=bool)
-    filled = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
-    pixels[: filled.size] = filled
-    rows, columns = np.nonzero(pixels.reshape(height, width))
-    if not rows.size:
-        return (np.nan,) * 4
-    left, top = columns.min(), rows.min()
-    return float(x + left), float(y + top), float(columns.max() - left + 1), float(rows.max() - top + 1)
+    try:
+        mask = mask_of_runs(x, y, width, height, runs)
+    except ValueError as error:
+        raise SequenceError(f"{where}: {error}") from None
+    return region_box(mask), mask.text
 
 
 def read_number(word: str, where: str) -> float:

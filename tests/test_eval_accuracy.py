@@ -23,13 +23,15 @@ from eval import process as protocol
 from eval.__main__ import main
 from eval.accuracy import Job, make_jobs, run_jobs, run_one
 from eval.datasets import load_dataset
-from eval.metrics import frame_scores, summarise
+from eval.metrics import summarise
 from eval.process import Limits
 from eval.protocols import start_box
+from eval.regions import Mask, polygon_text, read_region, region_box
 from eval.results import COMPLETED, Folder, ResultsError, Run, SpeedRun
 from eval.sandbox import available
 from eval.sequences import Sequence
 from eval.speed import measure_speed
+from eval.statistics import score_answers
 from eval.trackers import DEFAULT_TRACKERS, TRACKERS, TrackerSpec, code_version, find_tracker
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -251,6 +253,18 @@ class Scoring(Base):
         self.frame += 1
         return True, self.box
     def getTrackingScore(self): return -1.0 if self.frame == 2 else 0.25 * self.frame
+
+class Shaped(Base):
+    """A box, four corners, OpenCV's rotated rectangle, and pixels twice, the second time of another frame."""
+    def update(self, image):
+        self.frame += 1
+        self.shape = image.shape[:2]
+        turned = {2: np.array([10, 15, 15, 10, 20, 15, 15, 20]), 3: ((15.0, 15.0), (50**0.5, 50**0.5), 45.0)}
+        return True, turned.get(self.frame, self.box)
+    def getMask(self):
+        mask = np.zeros(self.shape if self.frame < 5 else (3, 4), np.uint8)
+        mask[10:12, 20:23] = 255
+        return mask if self.frame > 3 else None
 '''
 
 
@@ -280,9 +294,7 @@ def bad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Tracke
 
 def mean_iou(run: Run, sequence: Sequence) -> float:
     """Mean IoU of a run."""
-    answer = run.trajectory
-    scores = frame_scores(sequence.boxes, sequence.visibility, answer.boxes, answer.ok, sequence.size)
-    return summarise(scores)["mean_iou"]
+    return summarise(score_answers(sequence, run.trajectory))["mean_iou"]
 
 
 STATIC = [(20 - 2 * d) / (20 + 2 * d) for d in range(1, COUNT)]
@@ -573,6 +585,24 @@ def test_the_oracle_scores_one_and_the_static_box_its_closed_form(sequence: Sequ
     assert mean_iou(static, sequence) == pytest.approx(np.mean(STATIC))
 
 
+def test_masks_and_rotated_boxes_are_taken_down(
+    bad: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
+) -> None:
+    """As regions beside the box round them, and come back from the file; a mask of another size costs the run."""
+    folder = Folder(tmp_path / "results")
+    folder.write_manifest("test", [sequence])
+    run_jobs(make_jobs([bad("Shaped")], [sequence]), folder, workers=1, report=collect([]))
+    (run,) = folder.read_runs()
+    width, height = sequence.size
+    assert run.status == f"raised ValueError: getMask returned shape (3, 4), expected ({height}, {width}) at frame 5"
+    assert run.trajectory.regions[:2] == ("", "")
+    assert run.trajectory.regions[2] == "10.0,15.0,15.0,10.0,20.0,15.0,15.0,20.0"
+    corners = np.array(run.trajectory.regions[3].split(","), dtype=float).reshape(4, 2)
+    assert sorted(corners.round(4).tolist()) == [[10, 15], [15, 10], [15, 20], [20, 15]]
+    np.testing.assert_allclose(run.trajectory.boxes[2:4], [[10, 10, 10, 10]] * 2, atol=1e-5)
+    assert run.trajectory.regions[4:] == ("m20,10,3,2,0,6", "")
+
+
 def test_the_oracle_is_no_default() -> None:
     """What sees the truth runs only when it is named."""
     assert "Oracle" not in DEFAULT_TRACKERS
@@ -584,15 +614,15 @@ def test_the_oracle_scores_exactly_one(sequence: Sequence, tmp_path: Path) -> No
     rng = np.random.default_rng(5)
     boxes = np.concatenate([rng.uniform(5, 20, (COUNT, 2)), rng.uniform(8, 20, (COUNT, 2))], axis=1)
     visibility = np.array([1.0, 0.3, 0.0, 0.0, 1.0, 0.7])
-    exact = replace(sequence, boxes=boxes, visibility=visibility)
+    mask, corners = Mask(12, 13, rng.random((9, 7)) < 0.5).text, polygon_text([9.1, 8, 20, 11, 18, 21, 8.3, 19])
+    exact = replace(sequence, boxes=boxes, visibility=visibility, regions=("", mask, mask, "", "", corners))
+    boxes[5] = region_box(read_region(corners))
     folder = Folder(tmp_path / "results")
     folder.write_manifest("test", [exact])
     run_jobs(make_jobs([TRACKERS["Oracle"]], [exact]), folder, workers=1, report=collect([]))
     (run,), (truth,) = folder.read_runs(), folder.read_sequences()
-    scores = summarise(
-        frame_scores(truth.boxes, truth.visibility, run.trajectory.boxes, run.trajectory.ok, truth.size)
-    )
-    ones = ("mean_iou", "auc", "sr50", "sr75", "precision20", "normalised_precision")
+    scores = summarise(score_answers(truth, run.trajectory))
+    ones = ("mean_iou", "mask_iou", "rotated_iou", "auc", "sr50", "sr75", "precision20", "normalised_precision")
     assert [scores[name] for name in ones] == [1.0] * len(ones)
     assert (scores["false_true"], scores["false_false"]) == (0.0, 0.0)
 
@@ -841,7 +871,7 @@ def test_everything_that_answers_depend_on_is_in_the_key(monkeypatch: pytest.Mon
     ours = {"CSRT", "KCF", "KCF-primed", "MIL", "MOSSE", "MedianFlow"}
     assert edited("opencv.py") == ours | {"TrackerNano", "TrackerVit", "TrackerVit-normalised", "DaSiamRPN"}
     assert edited("known.py") == {"Static", "Oracle"}
-    assert edited("regions.py") == {"FrameDifferencing", "BackgroundModel"}
+    assert edited("regions.py") == {"FrameDifferencing", "BackgroundModel", "Oracle"}
     assert "TrackerHS" in edited("tracker.py")
     assert edited("track.py") == set(TRACKERS)
     monkeypatch.setattr("eval.trackers.version", lambda name: "99")

@@ -22,7 +22,8 @@ from eval import datasets
 from eval.datasets import canonical_dataset, load_dataset
 from eval.framesource import FrameSource, FrameSourceError
 from eval.metrics import frame_scores, summarise
-from eval.truthfiles import SequenceError, SequenceWarning, read_boxes
+from eval.regions import Mask
+from eval.truthfiles import SequenceError, SequenceWarning, read_box_file
 
 BOXES = np.array([[10, 11, 20, 12], [12.5, 11, 20, 12], [15, 11.25, 20, 12]])
 
@@ -71,11 +72,13 @@ def test_a_frame_without_a_box_is_invisible(line: str, tmp_path: Path) -> None:
     assert_array_equal(found.visibility, [1, 0, 1])
 
 
-def test_polygons_become_their_bounding_box(tmp_path: Path) -> None:
-    """VOT's eight numbers are x, y of four corners."""
+def test_polygons_have_their_bounding_box(tmp_path: Path) -> None:
+    """VOT's eight numbers are x, y of four corners, which are kept beside it."""
     path = tmp_path / "groundtruth.txt"
     path.write_text("10,20,30,10,50,20,30,40\n")
-    assert_allclose(read_boxes(path, first=0), [[10, 10, 40, 30]])
+    found = read_box_file(path, first=0)
+    assert_allclose(found.boxes, [[10, 10, 40, 30]])
+    assert found.regions == ("10.0,20.0,30.0,10.0,50.0,20.0,30.0,40.0",)
 
 
 @pytest.mark.parametrize(
@@ -380,14 +383,20 @@ def test_vot_keeps_its_frames_in_color(tmp_path: Path) -> None:
     assert_allclose(load_dataset(f"vot:{tmp_path}")[0].boxes[2], [10, 10, 40, 30])
 
 
-def test_masks_of_vot_become_their_bounding_box(tmp_path: Path) -> None:
+def test_masks_of_vot_have_their_bounding_box(tmp_path: Path) -> None:
     """Window, then lengths of runs row by row, the first of pixels outside: two pixels of the second row."""
-    path = tmp_path / "groundtruth.txt"
+    write_images(tmp_path / "a", 3)
+    path = tmp_path / "a" / "groundtruth.txt"
     path.write_text("m10,20,4,3,5,2\nm0,0,2,2,4\n10,20,4,3\n")
-    assert_allclose(read_boxes(path, first=0), [[11, 21, 2, 1], [np.nan] * 4, [10, 20, 4, 3]])
+    (found,) = load_dataset(f"vot:{tmp_path}")
+    assert_allclose(found.boxes, [[11, 21, 2, 1], [np.nan] * 4, [10, 20, 4, 3]])
+    assert found.regions == ("m11,21,2,1,0,2", "", "")
+    assert found.cut(2).regions == found.regions[:2]
+    path.write_text("m10,20,4,3,5,1,1,1\nm0,0,2,2,4\n10,20,4,3\n")
+    assert load_dataset(f"vot:{tmp_path}")[0].digest != found.digest
     path.write_text("m10,20,4,3,5,200\n")
     with pytest.raises(SequenceError, match=r"groundtruth\.txt:1: expected runs within 4 × 3 px, got 205 px"):
-        read_boxes(path, first=0)
+        load_dataset(f"vot:{tmp_path}")
 
 
 def test_got10k_from_its_root_and_its_test_split(tmp_path: Path) -> None:
@@ -466,12 +475,49 @@ def test_coco_of_several_videos_and_tracks(tmp_path: Path) -> None:
         assert_allclose(found["b-1"].boxes, [[0, 1, 5, 6], [1, 1, 5, 6], [2, 1, 5, 6]])
         assert [int(frame[0, 0, 0]) for frame in found["b-1"].frames] == [0, 10, 20]
         assert found["b-1"].scene == "b"
-    for text, message in (("{}", "got KeyError: 'images'"), ("[", "got JSONDecodeError"), ("[]", "got TypeError")):
+    for text, message in (("{}", "got KeyError: 'videos'"), ("[", "got JSONDecodeError"), ("[]", "got TypeError")):
         path.write_text(text)
         with pytest.raises(
             SequenceError, match=rf"instances\.json: expected COCO's images and annotations, {message}"
         ):
             load_dataset(f"coco:{path}")
+
+
+def test_masks_of_coco(tmp_path: Path) -> None:
+    """Runs go down the columns, as numbers or in five bits a sign; `=3421` is pycocotools' text of this mask."""
+    write_images(tmp_path / "img", 3)
+    pixels = np.zeros((6, 5), dtype=bool)
+    pixels[1:4, 2], pixels[2:6, 3], pixels[0, 4] = True, True, True
+    counts: list[object] = ["=3421", [13, 3, 4, 5, 5], [30]]
+    images = [{"id": t, "file_name": f"img/{t + 1:04d}.png"} for t in range(3)]
+    masks = [{"size": [6, 5], "counts": runs} for runs in counts]
+    notes = [{"image_id": t, "bbox": [2, 0, 3, 6], "segmentation": masks[t]} for t in range(3)]
+    (tmp_path / "annotations.json").write_text(json.dumps({"images": images, "annotations": notes}))
+    (found,) = load_dataset(f"coco:{tmp_path}")
+    assert found.regions == (Mask(0, 0, pixels).text, Mask(0, 0, pixels).text, "")
+
+
+def test_youtube_vis_lists_boxes_by_object(tmp_path: Path) -> None:
+    """One annotation per object, null where it is not seen; boxes are those of the masks where there are none."""
+    write_images(tmp_path / "0043f083b5", 3)
+    mask = {"size": [6, 5], "counts": [13, 3, 4, 5, 5]}
+    files = [f"0043f083b5/{t + 1:04d}.png" for t in range(3)]
+    notes = [
+        {"id": 1, "video_id": 7, "bboxes": [[1, 2, 3, 4], None, [2, 2, 3, 4]], "segmentations": [mask, None, None]},
+        {"id": 2, "video_id": 7, "segmentations": [mask, mask, None]},
+    ]
+    path = tmp_path / "instances.json"
+    path.write_text(json.dumps({"videos": [{"id": 7, "file_names": files}], "annotations": notes}))
+    first, second = load_dataset(f"coco:{path}")
+    assert (first.name, second.name, first.scene) == ("0043f083b5-1", "0043f083b5-2", "0043f083b5")
+    assert_allclose(first.boxes, [[1, 2, 3, 4], [np.nan] * 4, [2, 2, 3, 4]])
+    assert first.visibility.tolist() == [1, 0, 1]
+    assert [bool(text) for text in first.regions] == [True, False, False]
+    assert_allclose(second.boxes, [[2, 0, 3, 6]] * 2)
+    notes[0]["bboxes"] = [[1, 2, 3, 4]]
+    path.write_text(json.dumps({"videos": [{"id": 7, "file_names": files}], "annotations": notes}))
+    with pytest.raises(SequenceError, match="annotation 1: expected 3 boxes and masks, got 1 and 3"):
+        load_dataset(f"coco:{path}")
 
 
 def test_a_csv_of_boxes(tmp_path: Path) -> None:

@@ -36,8 +36,8 @@ from eval.baselines.known import Oracle
 
 class Fails(Oracle):
     """Tells the truth, but for one frame after its start, which it answers far off."""
-    def __init__(self, boxes, frame):
-        super().__init__(boxes)
+    def __init__(self, boxes, regions, frame):
+        super().__init__(boxes, regions)
         self._wrong = frame
     def update(self, image):
         answer = super().update(image)

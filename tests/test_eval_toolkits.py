@@ -19,6 +19,7 @@ from eval.framesource import FrameSource
 from eval.metrics import frame_scores, summarise
 from eval.protocol_tables import expected_overlap, precision_recall, protocol_tables
 from eval.protocols import PROTOCOLS, Box, Step
+from eval.regions import Mask, box_polygon, region_iou
 from eval.results import COMPLETED, Run, Trajectory
 from eval.sequences import Sequence as EvalSequence
 
@@ -134,6 +135,33 @@ def test_vot_reads_what_we_write(suite: list[Sequence], tmp_path: Path) -> None:
         assert forward[0] == 0
         absent = [frame for frame in range(len(read)) if "absent" in read.tags(frame)]
         assert absent == np.flatnonzero(sequence.visibility == 0).tolist()
+
+
+def test_vot_agrees_on_masks_and_rotated_boxes() -> None:
+    """Overlaps of its own regions. It fills a rotated box to whole pixels, of which the border may be either way."""
+    region = pytest.importorskip("vot.region")
+    from vot.region.shapes import Mask as TheirMask
+
+    rng, size = np.random.default_rng(4), (128, 96)
+    for _ in range(20):
+        x, y, w, h = rng.integers(20, 50, 4).tolist()
+        pixels = rng.random((h, w)) < 0.7
+        moved = float(x + rng.integers(-9, 9)), float(y + rng.integers(-9, 9)), float(w), float(h)
+        other = Mask(x + 3, y - 2, rng.random((h, w)) < 0.7)
+        truth = TheirMask(pixels.astype(np.uint8), (x, y))
+        answers = {
+            region.Rectangle(*moved): box_polygon(moved),
+            TheirMask(other.pixels.astype(np.uint8), (other.x, other.y)): other,
+        }
+        for theirs, own in answers.items():
+            expected = region.calculate_overlap(truth, theirs, size)
+            assert region_iou(Mask(x, y, pixels), own, size) == pytest.approx(expected, abs=1e-6)
+        angle = rng.uniform(0, np.pi)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        first = box_polygon((-w / 2, -h / 2, w, h)) @ turn.T + [64, 48]
+        second = first + rng.uniform(-6, 6, 2)
+        expected = region.calculate_overlap(region.Polygon(first), region.Polygon(second), size)
+        assert region_iou(first, second, size) == pytest.approx(expected, abs=0.05)
 
 
 def walk(folder: Path, seed: int, count: int) -> EvalSequence:

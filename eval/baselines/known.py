@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
+
+from ..regions import Mask, read_region
 
 __all__ = ["Oracle", "Static"]
 
@@ -26,20 +30,41 @@ class Oracle:
 
     Parameters
     ----------
-    boxes : sequence of (x, y, w, h) or None
-        The true box of each frame; None where the target is invisible.
+    boxes : ndarray, shape (T, 4)
+        The true box of each frame; NaN where the target is invisible.
+    regions : sequence of str
+        Its mask or rotated box, see :class:`eval.sequences.Sequence`.
     """
 
-    def __init__(self, boxes: list[list[float] | None]) -> None:
+    def __init__(self, boxes: NDArray[np.float64], regions: Sequence[str]) -> None:
         self._boxes = boxes
+        self._regions = [read_region(text) if text else None for text in regions]
         self._frame = 0
+        self._shape = (0, 0)
 
     def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
         """Start at frame 0."""
         self._frame = 0
+        self._shape = image.shape[:2]
 
     def update(self, image: NDArray[Any]) -> tuple[bool, list[float]]:
         """Return the truth."""
         self._frame += 1
-        box = self._boxes[self._frame]
-        return box is not None, [0.0] * 4 if box is None else box
+        box, region = self._boxes[self._frame], self._region()
+        if not np.isfinite(box).all():
+            return False, [0.0] * 4
+        return True, (region if isinstance(region, np.ndarray) else box).ravel().tolist()
+
+    def getMask(self) -> NDArray[np.bool_] | None:
+        """Return the true mask, where it is known."""
+        region = self._region()
+        if not isinstance(region, Mask):
+            return None
+        inside = region.within((self._shape[1], self._shape[0]))
+        mask = np.zeros(self._shape, dtype=np.bool_)
+        height, width = inside.pixels.shape
+        mask[inside.y : inside.y + height, inside.x : inside.x + width] = inside.pixels
+        return mask
+
+    def _region(self) -> Mask | NDArray[np.float64] | None:
+        return self._regions[self._frame] if self._regions else None

@@ -1,0 +1,205 @@
+"""Regions that are finer than a box: masks and rotated boxes, and how much two regions overlap.
+
+They are kept as text in the way VOT writes them: ``m`` and x, y, w, h of a window, then lengths of runs row by row,
+the first of pixels outside; or x, y of four corners. Pixel column j covers x from j to j + 1, so that the overlap of
+a mask with a box is what it is on paper, wherever the box's edges lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "Mask", "box_polygon", "mask_of_runs", "outlines", "polygon_text", "read_region", "region_box", "region_iou",
+]  # fmt: skip
+
+Polygon = NDArray[np.float64]
+"""Corners (N, 2) of a convex polygon, px."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """Pixels of a window; those outside of it are none.
+
+    Parameters
+    ----------
+    x, y : int
+        Left column and top row of the window.
+    pixels : ndarray of bool, shape (h, w)
+    """
+
+    x: int
+    y: int
+    pixels: NDArray[np.bool_]
+
+    @property
+    def text(self) -> str:
+        """The mask as VOT writes it, its window no larger than needed; empty where there is no pixel."""
+        rows, columns = np.flatnonzero(self.pixels.any(axis=1)), np.flatnonzero(self.pixels.any(axis=0))
+        if not rows.size:
+            return ""
+        part = self.pixels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        changes = np.flatnonzero(np.diff(part.ravel().astype(np.int8))) + 1
+        runs = np.diff(np.concatenate([[0], changes, [part.size]])).tolist()
+        window = self.x + int(columns[0]), self.y + int(rows[0]), part.shape[1], part.shape[0]
+        return "m" + ",".join(map(str, [*window, *([0, *runs] if part.flat[0] else runs)]))
+
+    def within(self, size: tuple[int, int]) -> Mask:
+        """Return what of it is inside a frame of `size` (width, height)."""
+        left, top = max(-self.x, 0), max(-self.y, 0)
+        right, bottom = max(size[0] - self.x, left), max(size[1] - self.y, top)
+        return Mask(self.x + left, self.y + top, self.pixels[top:bottom, left:right])
+
+
+Region = Mask | Polygon
+
+
+def mask_of_runs(x: int, y: int, width: int, height: int, runs: Iterable[int]) -> Mask:
+    """Mask of a window and lengths of runs, row by row, the first of pixels outside.
+
+    Raises
+    ------
+    ValueError
+        If the runs do not fit into the window.
+    """
+    lengths = list(runs)
+    if min(width, height, *lengths, 0) < 0 or sum(lengths) > width * height:
+        raise ValueError(f"expected runs within {width} × {height} px, got {sum(lengths)} px")
+    pixels = np.zeros(width * height, dtype=bool)
+    filled = np.repeat(np.arange(len(lengths)) % 2 == 1, lengths)
+    pixels[: filled.size] = filled
+    return Mask(x, y, pixels.reshape(height, width))
+
+
+def polygon_text(corners: Iterable[float]) -> str:
+    """Text of corners x, y, x, y …; every number comes back to the last bit."""
+    return ",".join(repr(float(value)) for value in corners)
+
+
+def read_region(text: str) -> Region:
+    """Region of a text that this module has written.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    if text.startswith("m"):
+        x, y, width, height, *runs = map(int, text[1:].split(","))
+        return mask_of_runs(x, y, width, height, runs)
+    values = np.array(text.split(","), dtype=np.float64)
+    if values.size != 8 or not np.isfinite(values).all():
+        raise ValueError(f"expected a mask or four corners, got {text[:80]!r}")
+    return values.reshape(4, 2)
+
+
+def region_box(region: Region) -> tuple[float, float, float, float]:
+    """Bounding box x, y, w, h of a region; NaN of an empty mask."""
+    if not isinstance(region, Mask):
+        low, high = region.min(axis=0).tolist(), region.max(axis=0).tolist()
+        return low[0], low[1], high[0] - low[0], high[1] - low[1]
+    rows, columns = np.nonzero(region.pixels)
+    if not rows.size:
+        return (np.nan,) * 4
+    x, y = int(columns.min()), int(rows.min())
+    return float(region.x + x), float(region.y + y), float(columns.max() - x + 1), float(rows.max() - y + 1)
+
+
+def box_polygon(box: Iterable[float]) -> Polygon:
+    """Corners of a box x, y, w, h."""
+    x, y, w, h = box
+    return np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]], dtype=np.float64)
+
+
+def region_iou(truth: Region, answer: Region, size: tuple[int, int]) -> float:
+    """Intersection over union of two regions inside a frame of `size` (width, height); 0 where either is empty."""
+    frame = box_polygon((0.0, 0.0, *size))
+    first, second = (one.within(size) if isinstance(one, Mask) else _clipped(one, frame) for one in (truth, answer))
+    areas = _area(first), _area(second)
+    if min(areas) <= 0:
+        return 0.0
+    common = min(_common(first, second), *areas)
+    return common / (areas[0] + areas[1] - common)
+
+
+def outlines(region: Region, zoom: float) -> list[NDArray[np.int32]]:
+    """Closed lines round a region, to be drawn on a picture that is `zoom` times as large."""
+    if not isinstance(region, Mask):
+        return [np.rint(region * zoom).astype(np.int32)]
+    padded = np.pad(region.pixels, 1).astype(np.uint8)
+    found, _ = cv2.findContours(padded, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    # A contour runs through the middles of pixels.
+    offset = np.array([region.x - 0.5, region.y - 0.5])
+    return [np.rint((line[:, 0] + offset) * zoom).astype(np.int32) for line in found]
+
+
+def _area(region: Region) -> float:
+    return float(region.pixels.sum()) if isinstance(region, Mask) else abs(_signed_area(region))
+
+
+def _signed_area(polygon: Polygon) -> float:
+    if len(polygon) < 3:
+        return 0.0
+    # From its first corner, so that what is far away loses no digits.
+    x, y = (polygon - polygon[0]).T
+    return float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2.0)
+
+
+def _common(first: Region, second: Region) -> float:
+    if isinstance(first, Mask) and isinstance(second, Mask):
+        x, y = max(first.x, second.x), max(first.y, second.y)
+        one, other = (mask.pixels[max(y - mask.y, 0) :, max(x - mask.x, 0) :] for mask in (first, second))
+        height, width = min(one.shape[0], other.shape[0]), min(one.shape[1], other.shape[1])
+        return float((one[:height, :width] & other[:height, :width]).sum())
+    if isinstance(first, Mask):
+        return _covered(first, np.asarray(second))
+    return _covered(second, first) if isinstance(second, Mask) else _area(_clipped(first, second))
+
+
+def _covered(mask: Mask, polygon: Polygon) -> float:
+    """Area of a mask inside a polygon."""
+    if len(polygon) < 3 or not mask.pixels.size:
+        return 0.0
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    if abs(_signed_area(polygon)) == np.prod(high - low):  # a box: columns and rows are cut each for itself
+        height, width = mask.pixels.shape
+        columns = _shares(mask.x + np.arange(width), low[0], high[0])
+        rows = _shares(mask.y + np.arange(height), low[1], high[1])
+        return float(rows @ (mask.pixels @ columns))
+    total = 0.0
+    for row in np.flatnonzero(mask.pixels.any(axis=1)).tolist():
+        edges = np.flatnonzero(np.diff(mask.pixels[row].astype(np.int8), prepend=0, append=0)).tolist()
+        for left, right in zip(edges[::2], edges[1::2], strict=True):
+            run = box_polygon((mask.x + left, mask.y + row, right - left, 1))
+            total += _area(_clipped(run, polygon))
+    return total
+
+
+def _shares(starts: NDArray[np.int64], low: float, high: float) -> NDArray[np.float64]:
+    """How much of the pixels that begin at `starts` is between two edges."""
+    return np.asarray(np.clip(np.minimum(starts + 1, high) - np.maximum(starts, low), 0.0, 1.0))
+
+
+def _clipped(polygon: Polygon, window: Polygon) -> Polygon:
+    """Part of a convex polygon inside another one (Sutherland and Hodgman)."""
+    if _signed_area(window) < 0:
+        window = window[::-1]
+    for start, end in zip(window, np.roll(window, -1, axis=0), strict=True):
+        if len(polygon) == 0:
+            break
+        dx, dy = end - start
+        # How far inside of this edge each corner is.
+        depth = dx * (polygon[:, 1] - start[1]) - dy * (polygon[:, 0] - start[0])
+        kept: list[NDArray[np.float64]] = []
+        for here, after, a, b in zip(polygon, np.roll(polygon, -1, axis=0), depth, np.roll(depth, -1), strict=True):
+            if a >= 0:
+                kept.append(here)
+            if (a < 0 < b) or (b < 0 < a):
+                kept.append(here + (after - here) * (a / (a - b)))
+        polygon = np.array(kept, dtype=np.float64).reshape(-1, 2)
+    return polygon
