@@ -21,6 +21,7 @@ from .options import (
     Only,
     Out,
     Paths,
+    Scenes,
     Suite,
     SuiteName,
     Suites,
@@ -56,7 +57,7 @@ from .tables import (
     write_tables,
 )
 from .trackers import DEFAULT_TRACKERS, TrackerSpec, find_tracker
-from .truthfiles import SequenceError
+from .truthfiles import SequenceError, read_scenes
 
 __all__ = ["ablate", "bench", "check", "merge", "report", "run", "speed", "sweep"]
 
@@ -69,6 +70,7 @@ def run(
     dataset: Dataset = None,
     trackers: Trackers = DEFAULT_TRACKERS,
     sequences: Only = (),
+    scenes: Scenes = None,
     jobs: Jobs = 2,
     timeout: float = 300.0,
     memory: float = 2048.0,
@@ -109,7 +111,7 @@ def run(
     if starts and led is not ONE_PASS:
         raise ValueError(f"expected --starts with --protocol {ONE_PASS.name}, got it with {protocol}")
     first, step = _shard(shard)
-    folder, found = _open(out, suite, dataset, sequences, frames=frames)
+    folder, found = _open(out, suite, dataset, sequences, frames=frames, scenes=scenes)
     limits = Limits(timeout, memory, processes, paths)
     part = found[first::step]
     if any("hs_tracker_cv" in spec.sources for spec in specs):
@@ -153,6 +155,7 @@ def speed(
     dataset: Dataset = None,
     trackers: Trackers = DEFAULT_TRACKERS,
     sequences: Only = (),
+    scenes: Scenes = None,
     frames: int = TIMED_UPDATES,
     block: int = BLOCK,
     timeout: float = 60.0,
@@ -173,12 +176,12 @@ def speed(
         Seconds for one update.
     """
     specs = [find_tracker(name, models) for name in dict.fromkeys(trackers)]
-    folder, found = _open(out, suite, dataset, sequences)
+    folder, found = _open(out, suite, dataset, sequences, scenes=scenes)
     _speed_with_progress(specs, found, folder, Limits(timeout, paths=paths), frames=frames, block=block)
     measured = folder.read_speeds()
-    scenes = {sequence.name: sequence.scene for sequence in found}
+    shared = {sequence.name: sequence.scene for sequence in found}
     _console.print(console_table(speed_text(measured), "median ms per update"))
-    _console.print(console_table(speed_overall_text(measured, scenes), "medians over sequences"))
+    _console.print(console_table(speed_overall_text(measured, shared), "medians over sequences"))
 
 
 def report(
@@ -283,6 +286,7 @@ def ablate(
     dataset: Datasets = (),
     parts: tuple[str, ...] = (),
     sequences: Only = (),
+    scenes: Scenes = None,
     frames: int | None = None,
     jobs: Jobs = 2,
     out: Out = Path("results"),
@@ -305,7 +309,7 @@ def ablate(
         suite = _ABLATION_SUITES
     # What cannot be read is said before anything is run.
     opened = [_open(out, name, None, () if dataset else sequences, kind="ablation-") for name in suite]
-    opened += [_open(out, None, name, sequences, frames=frames, kind="ablation-") for name in dataset]
+    opened += [_open(out, None, name, sequences, frames=frames, scenes=scenes, kind="ablation-") for name in dataset]
     summaries = {}
     for folder, found in opened:
         _run_with_progress(specs, found, folder, jobs, Limits(900.0), 0, False)
@@ -378,10 +382,13 @@ def _open(
     only: tuple[str, ...] = (),
     *,
     frames: int | None = None,
+    scenes: Path | None = None,
     kind: str = "",
 ) -> tuple[Folder, list[Sequence]]:
     """Sequences, and the folder of their results, which says from now on what the last run was about."""
     source, found = _load(suite, dataset, only, frames)
+    named = read_scenes(scenes) if scenes else {}
+    found = [replace(sequence, scene=named.get(sequence.name, sequence.scene)) for sequence in found]
     folder = _results_of(out, kind, source)
     folder.write_manifest(source, found, _place(source))
     return folder, found

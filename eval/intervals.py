@@ -179,12 +179,14 @@ def holm(p_values: FloatArray) -> FloatArray:
 def critical_difference(trackers: int, scenes: int) -> float:
     """Least difference between two mean ranks that is none of chance, whichever two they are (Nemenyi's test).
 
-    NaN for fewer than two trackers, or without scenes.
+    NaN for fewer than two trackers, and of so few scenes that not even trackers which are the first and the last in
+    each of them could be told apart. From there on the test keeps what it promises (simulated), as a weak one.
     """
     if trackers < 2 or scenes < 1:
         return float("nan")
     quantile = stats.studentized_range.ppf(COVERAGE, trackers, np.inf) / np.sqrt(2.0)
-    return float(quantile * np.sqrt(trackers * (trackers + 1) / (6.0 * scenes)))
+    found = float(quantile * np.sqrt(trackers * (trackers + 1) / (6.0 * scenes)))
+    return found if found <= trackers - 1 else float("nan")
 
 
 def scene_sums(values: FloatArray, scenes: Scenes | None) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 __all__ = [
-    "Dask", "Dataset", "Datasets", "Jobs", "Models", "Only", "Out", "Paths", "Suite", "SuiteName", "Suites",
+    "Dask", "Dataset", "Datasets", "Jobs", "Models", "Only", "Out", "Paths", "Scenes", "Suite", "SuiteName", "Suites",
     "Trackers", "listed",
 ]  # fmt: skip
 
@@ -22,6 +22,10 @@ Suites = Annotated[tuple[str, ...], tyro.conf.arg(help=f"{_SUITE}; any number.")
 Datasets = Annotated[tuple[str, ...], tyro.conf.arg(help=f"{_DATASET}; any number.")]
 Only = Annotated[
     tuple[str, ...], tyro.conf.arg(help="Only these sequences; @FILE: the names in a file, a line each.")
+]
+Scenes = Annotated[
+    Path | None,
+    tyro.conf.arg(help="CSV with the columns sequence and scene: what shares a camera is no independent evidence."),
 ]
 Jobs = Annotated[int, tyro.conf.arg(help="Processes at a time; time is measured with one whatever this says.")]
 Dask = Annotated[str, tyro.conf.arg(help="Address of a Dask scheduler: its workers run the trackers instead.")]

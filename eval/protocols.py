@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from .metrics import MIN_VISIBILITY, iou_per_frame
 from .sequences import Sequence
 from .track import whole_box
+from .trackers import look_up
 
 __all__ = [
     "BURN_IN",
@@ -282,6 +283,9 @@ PROTOCOLS: dict[str, Protocol] = {
 }
 
 
+_AT_ANY_RATE = "realtime:FPS (FPS above 0)"
+
+
 def find_protocol(name: str) -> Protocol:
     """Look a protocol up by name; ``realtime:FPS`` is real time at another rate.
 
@@ -290,13 +294,13 @@ def find_protocol(name: str) -> Protocol:
     ValueError
         If there is none of that name; the message lists the known ones.
     """
-    if name in PROTOCOLS:
-        return PROTOCOLS[name]
-    kind, _, rate = name.partition(":")
+    kind, colon, rate = name.partition(":")
+    if not colon:
+        return look_up(PROTOCOLS, name, "protocol", _AT_ANY_RATE)
     try:
         fps = float(rate)
     except ValueError:
         fps = 0.0
     if kind != "realtime" or not 0.0 < fps < math.inf:
-        raise ValueError(f"unknown protocol {name!r}; known: {', '.join(PROTOCOLS)}, realtime:FPS (FPS above 0)")
+        return look_up(PROTOCOLS, name, "protocol", _AT_ANY_RATE)
     return Protocol(f"realtime:{fps:g}", "realtime", _hurried(fps), _at_first)

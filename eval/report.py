@@ -103,7 +103,7 @@ def _contents(
         "colours": _colours(summary),
         "overall": overall_table(summary),
         "differences": difference_table(summary),
-        "ranks": rank_table(summary) if np.isfinite(summary.critical) else (),
+        "ranks": rank_table(summary) if len(summary.ranks) > 1 else (),
         "ranks_caption": ranks_caption(summary),
         "protocols": [(protocol_title(name), protocol_text(table)) for name, table in summary.protocols.items()],
         "led": _conventions(protocols.__doc__ or "", "frames.\n\n"),

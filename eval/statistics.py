@@ -218,7 +218,7 @@ def mean_ranks(pairs: pd.DataFrame, metric: str = "mean_iou") -> tuple[pd.DataFr
         One row per tracker, the best first: `tracker`, `rank`, number of `scenes`, and `like`, the others whose rank
         is within the critical difference, in words.
     critical : float
-        That difference; NaN for fewer than two trackers.
+        That difference; NaN where there are too few trackers or scenes for one.
     """
     known = common_pairs(pairs[pairs["tracker"] != "Oracle"].dropna(subset=[metric]))
     wide = known.pivot_table(index="scene", columns="tracker", values=metric, sort=False).dropna()
@@ -226,7 +226,7 @@ def mean_ranks(pairs: pd.DataFrame, metric: str = "mean_iou") -> tuple[pd.DataFr
     critical = critical_difference(len(ranks), len(wide))
     places = {str(name): float(rank) for name, rank in ranks.items()}
     like = [
-        ", ".join(name for name, other in places.items() if name != own and abs(other - rank) < critical)
+        ", ".join(name for name, other in places.items() if name != own and not abs(other - rank) >= critical)
         for own, rank in places.items()
     ]
     table = pd.DataFrame({"tracker": ranks.index, "rank": ranks.to_numpy(float), "scenes": len(wide), "like": like})

@@ -339,15 +339,10 @@ def difference_table(summary: Summary) -> pd.DataFrame:
 
 
 def rank_table(summary: Summary) -> pd.DataFrame:
-    """Mean ranks as text, the best first, and which of them cannot be told apart."""
+    """Mean ranks as text, the best first, and where there are scenes enough, which of them cannot be told apart."""
     table = summary.ranks
-    return pd.DataFrame(
-        {
-            "tracker": table["tracker"],
-            "mean rank": [f"{rank:.2f}" for rank in table["rank"]],
-            "not apart from": table["like"],
-        }
-    )
+    texts = {"tracker": table["tracker"], "mean rank": [f"{rank:.2f}" for rank in table["rank"]]}
+    return pd.DataFrame(texts | ({"not apart from": table["like"]} if np.isfinite(summary.critical) else {}))
 
 
 def ranks_caption(summary: Summary) -> str:
@@ -356,6 +351,8 @@ def ranks_caption(summary: Summary) -> str:
     text = f"Mean ranks by mean IoU over {scenes} scenes of {summary.source}"
     if np.isfinite(summary.critical):
         text += f"; those that differ by less than {summary.critical:.2f} are not told apart (Nemenyi, 95 %)"
+    else:
+        text += ", which are too few to tell any of them apart: not even first and last in each (Nemenyi, 95 %)"
     return f"{text}."
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 
@@ -24,7 +24,12 @@ _LIBRARIES = ("numpy", "scikit-image", "scipy")
 _RUNNERS = ("eval.track", "eval.worker")  # the process of a tracker is theirs
 _CODE = {".py", ".so", ".pyd", ".dylib"}
 
-__all__ = ["DEFAULT_TRACKERS", "TRACKERS", "TrackerSpec", "code_version", "find_tracker", "source_files"]
+__all__ = [
+    "ANY_FACTORY", "DEFAULT_TRACKERS", "TRACKERS", "TrackerSpec", "code_version", "find_tracker", "look_up",
+    "source_files",
+]  # fmt: skip
+
+ANY_FACTORY = "or any pkg.module:factory"
 
 
 @dataclass(frozen=True)
@@ -139,6 +144,22 @@ DEFAULT_TRACKERS: tuple[str, ...] = tuple(name for name, spec in TRACKERS.items(
 """What is run when no tracker is named."""
 
 
+Thing = TypeVar("Thing")
+
+
+def look_up(table: Mapping[str, Thing], name: str, what: str, *others: str) -> Thing:
+    """Entry of a table by its name.
+
+    Raises
+    ------
+    ValueError
+        If there is none; the message lists the names that there are, and what `others` may be asked for.
+    """
+    if name not in table:
+        raise ValueError(f"unknown {what} {name!r}; known: {', '.join((*table, *others))}")
+    return table[name]
+
+
 def find_tracker(name: str, models: Path | None = None) -> TrackerSpec:
     """Look a tracker up by name, or take ``pkg.module:factory``.
 
@@ -153,15 +174,13 @@ def find_tracker(name: str, models: Path | None = None) -> TrackerSpec:
     ValueError
         If the name is neither, and the message lists the known ones; or if a model file is missing.
     """
-    if name in TRACKERS:
-        spec = TRACKERS[name]
-        return replace(spec, params={**spec.params, **_model_files(spec, models)}) if spec.models else spec
     module, _, attribute = name.partition(":")
-    if module and attribute:
-        if _find_spec(module) is None:
-            raise ValueError(f"cannot find the module {module!r} of the tracker {name!r}")
-        return TrackerSpec(name, name, sources=(module.partition(".")[0],))
-    raise ValueError(f"unknown tracker {name!r}; known: {', '.join(TRACKERS)}, or any pkg.module:factory")
+    if not (module and attribute):
+        spec = look_up(TRACKERS, name, "tracker", ANY_FACTORY)
+        return replace(spec, params={**spec.params, **_model_files(spec, models)}) if spec.models else spec
+    if _find_spec(module) is None:
+        raise ValueError(f"cannot find the module {module!r} of the tracker {name!r}")
+    return TrackerSpec(name, name, sources=(module.partition(".")[0],))
 
 
 def _model_files(spec: TrackerSpec, folder: Path | None) -> dict[str, str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import configparser
+import csv
+import io
 import json
 import re
 import warnings
@@ -24,6 +26,7 @@ __all__ = [
     "read_number",
     "read_numbers",
     "read_scene",
+    "read_scenes",
     "read_text",
 ]
 
@@ -246,6 +249,27 @@ def read_scene(folder: Path) -> str:
     if scene is not None and not isinstance(scene, str):
         _ignore(SequenceError(f"{path}: expected the name of a scene, got {scene!r}"))
     return scene if isinstance(scene, str) else ""
+
+
+def read_scenes(path: Path) -> dict[str, str]:
+    """Scene of each sequence that a CSV with the columns `sequence` and `scene` names; others keep their own.
+
+    Raises
+    ------
+    SequenceError
+        Naming the line that does not say both, or says another scene of the same sequence.
+    """
+    reader = csv.DictReader(io.StringIO(read_text(path)))
+    if not {"sequence", "scene"} <= set(reader.fieldnames or ()):
+        names = ", ".join(reader.fieldnames or ())
+        raise SequenceError(f"{path}: expected the columns sequence and scene, got {names or 'none'}")
+    found: dict[str, str] = {}
+    for row in reader:
+        name, scene = ((row[column] or "").strip() for column in ("sequence", "scene"))
+        if not (name and scene) or found.setdefault(name, scene) != scene:
+            where = f"{path}:{reader.line_num}"
+            raise SequenceError(f"{where}: expected one scene of a sequence, got {scene!r} of {name!r}")
+    return found
 
 
 def _read_meta(path: Path) -> dict[str, Any]:

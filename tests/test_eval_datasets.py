@@ -19,11 +19,12 @@ from datasets_synthetic import Sequence as Rendered
 from datasets_synthetic.export import FORMATS
 from datasets_synthetic.spec import Deep
 from eval import datasets
+from eval.commands import _open
 from eval.datasets import canonical_dataset, load_dataset
 from eval.framesource import FrameSource, FrameSourceError
 from eval.metrics import frame_scores, summarise
 from eval.regions import Mask
-from eval.truthfiles import SequenceError, SequenceWarning, read_box_file
+from eval.truthfiles import SequenceError, SequenceWarning, read_box_file, read_scenes
 
 BOXES = np.array([[10, 11, 20, 12], [12.5, 11, 20, 12], [15, 11.25, 20, 12]])
 
@@ -286,6 +287,26 @@ def test_what_shares_a_camera_is_one_scene(tmp_path: Path) -> None:
     ):
         found = {one.name: one.scene for one in load_dataset(f"otb:{tmp_path}")}
     assert found == {"a": "highway", "b": "highway", "c": "c", "d-1": "d", "d-2": "d"}
+
+
+def test_a_csv_names_scenes(tmp_path: Path) -> None:
+    """Of sequences of any layout, over what they say themselves; those that are not named keep theirs."""
+    for name in ("a", "b", "c"):
+        write_otb(tmp_path / "set", name, "1,2,3,4\n" * 3)
+    (tmp_path / "set" / "b" / "meta.json").write_text(json.dumps({"scene": "yard"}))
+    table = tmp_path / "scenes.csv"
+    table.write_text("scene,sequence\nhall,a\nhall,b\nelsewhere,z\n")
+    folder, found = _open(tmp_path / "out", None, f"otb:{tmp_path / 'set'}", scenes=table)
+    assert [one.scene for one in found] == [one.scene for one in folder.read_sequences()] == ["hall", "hall", "c"]
+    for text, message in (
+        ("sequence\na\n", r"scenes\.csv: expected the columns sequence and scene, got sequence"),
+        ("", "got none"),
+        ("sequence,scene\na,hall\nb,\n", r"scenes\.csv:3: expected one scene of a sequence, got '' of 'b'"),
+        ("sequence,scene\na,hall\na,yard\n", r"scenes\.csv:3: expected one scene .*, got 'yard' of 'a'"),
+    ):
+        table.write_text(text)
+        with pytest.raises(SequenceError, match=message):
+            read_scenes(table)
 
 
 @pytest.fixture(scope="module")

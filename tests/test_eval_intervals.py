@@ -158,6 +158,18 @@ def test_the_critical_difference_is_the_published_one() -> None:
     assert np.isnan(critical_difference(1, 14))
 
 
+def test_of_few_scenes_ranks_are_told_apart_rarely_or_not_at_all() -> None:
+    """Three rivals in two scenes cannot be, whatever they do; in more they are by chance in one table of twenty."""
+    assert np.isnan(critical_difference(3, 2))
+    assert np.isnan(critical_difference(11, 0))
+    rng = np.random.default_rng(0)
+    for trackers, scenes in ((3, 3), (5, 4), (11, 6)):
+        ranks = rng.random((4000, scenes, trackers)).argsort(axis=2).mean(axis=1)
+        critical = critical_difference(trackers, scenes)
+        assert critical <= trackers - 1
+        assert np.mean(np.ptp(ranks, axis=1) >= critical) < 0.06
+
+
 def test_what_cannot_be_known_is_nan() -> None:
     """One value has no interval, five have none of the median; equal ones have a point, and NaN are left out."""
     assert np.isnan(mean_interval(np.array([0.5, np.nan]))).all()

@@ -132,8 +132,11 @@ def test_truth_of_objects_is_that_of_the_target_and_adds_up() -> None:
     """The target is the last of them; what is seen of an object is what others leave of it."""
     spec = suite("crowd:1:5")[0]
     found = objects(spec)
-    for one, other in zip(found[-1], truth(spec), strict=True):
+    *numbers, masks = found[-1]
+    *others, same = truth(spec)
+    for one, other in zip(numbers, others, strict=True):
         np.testing.assert_array_equal(one, other)
+    assert [(x, y, pixels.tolist()) for x, y, pixels in masks] == [(x, y, part.tolist()) for x, y, part in same]
     labels = render(spec).labels
     for each in (0, 1):
         # One part each, so that label k + 1 is object k.
@@ -164,7 +167,7 @@ def test_unknown_trackers_are_refused() -> None:
     """Names that are none, modules that are not there."""
     with pytest.raises(ValueError, match="unknown tracker 'SORT'; known: AutomaticTracker"):
         make_tracker("SORT")
-    with pytest.raises(ValueError, match="cannot find the tracker 'no\\.such:thing'"):
+    with pytest.raises(ValueError, match="cannot load 'no\\.such:thing'"):
         make_tracker("no.such:thing")
 
 

@@ -160,7 +160,7 @@ def test_vot_agrees_on_masks_and_rotated_boxes() -> None:
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         first = box_polygon((-w / 2, -h / 2, w, h)) @ turn.T + [64, 48]
         second = first + rng.uniform(-6, 6, 2)
-        expected = region.calculate_overlap(region.Polygon(first), region.Polygon(second), size)
+        expected = region.calculate_overlap(region.Polygon(first.tolist()), region.Polygon(second.tolist()), size)
         assert region_iou(first, second, size) == pytest.approx(expected, abs=0.05)
 
 

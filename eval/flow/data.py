@@ -167,15 +167,24 @@ def middlebury_pairs(folder: Path) -> Iterator[FlowPair]:
     ValueError
         If the folder holds no pair, or a frame cannot be read.
     """
-    scenes = sorted(path.parent for path in folder.glob("*/flow10.flo"))
-    if not scenes:
-        raise ValueError(f"expected a folder with NAME/frame10.png, frame11.png and flow10.flo, got {folder}")
-    split = {scene.name for scene in scenes} >= TUNED_ON
-    for scene in scenes:
-        flow, valid = read_flo(scene / "flow10.flo")
-        frames = tuple(_read_frame(scene / f"frame{number}.png") for number in (10, 11))
-        group = ("tuned on" if scene.name in TUNED_ON else "held out") if split else ""
-        yield FlowPair(scene.name, frames, 0, flow, valid, group)
+    truths = _truths(folder, "*/flow10.flo", "NAME/frame10.png, frame11.png and flow10.flo")
+    split = {path.parent.name for path in truths} >= TUNED_ON
+    for path in truths:
+        name = path.parent.name
+        group = ("tuned on" if name in TUNED_ON else "held out") if split else ""
+        yield FlowPair(name, _frames(path.with_name("frame")), 0, *read_flo(path), group)
+
+
+def _truths(folder: Path, pattern: str, expected: str) -> list[Path]:
+    found = sorted(folder.glob(pattern))
+    if not found:
+        raise ValueError(f"expected a folder with {expected}, got {folder}")
+    return found
+
+
+def _frames(place: Path) -> tuple[NDArray[np.uint8], ...]:
+    """The two frames of a pair, whose names go on with 10 and 11 with Middlebury and KITTI."""
+    return tuple(_read_frame(place.with_name(f"{place.name}{number}.png")) for number in (10, 11))
 
 
 def _read_frame(path: Path) -> NDArray[np.uint8]:
@@ -203,24 +212,16 @@ def kitti_pairs(folder: Path) -> Iterator[FlowPair]:
     ValueError
         If the folder holds no pair, or a file cannot be read.
     """
-    truths = sorted(folder.rglob("flow_occ/*_10.png"))
-    if not truths:
-        raise ValueError(f"expected a folder with flow_occ/NAME_10.png and image_2, got {folder}")
-    for path in truths:
+    for path in _truths(folder, "**/flow_occ/*_10.png", "flow_occ/NAME_10.png and image_2"):
         place, name = path.parents[1], path.stem.removesuffix("_10")
         stored = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
         if stored is None or stored.dtype != np.uint16 or stored.ndim != 3:
             raise ValueError(f"expected a flow of 16 bits and three channels, got {path}")
         valid = np.asarray(stored[..., 0] > 0)
         flow = (stored[..., :0:-1].astype(np.float32) - 32768.0) / 64.0
-        frames = tuple(_read_frame(place / "image_2" / f"{name}_{number}.png") for number in (10, 11))
-        yield FlowPair(
-            name if place == folder else f"{place.name}-{name}",
-            frames,
-            0,
-            np.where(valid[..., np.newaxis], flow, np.float32(0)),
-            valid,
-        )
+        flow = np.where(valid[..., np.newaxis], flow, np.float32(0))
+        own = name if place == folder else f"{place.name}-{name}"
+        yield FlowPair(own, _frames(place / "image_2" / f"{name}_"), 0, flow, valid)
 
 
 def dataset_pairs(dataset: str) -> Iterator[FlowPair]:

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..trackers import source_files
+from ..trackers import ANY_FACTORY, look_up, source_files
 
 if TYPE_CHECKING:
     from hs_tracker_cv.flow import Mode
@@ -308,11 +308,9 @@ def flow_method(name: str) -> FlowMethod:
     ValueError
         If the name is unknown; names the known ones.
     """
-    if name in FLOW_METHODS:
-        return FLOW_METHODS[name]
     module, _, attribute = name.partition(":")
     if not attribute:
-        raise ValueError(f"unknown flow method {name!r}; known: {', '.join(FLOW_METHODS)}, or pkg.module:factory")
+        return look_up(FLOW_METHODS, name, "flow method", ANY_FACTORY)
 
     def factory() -> Callable[..., Flow]:
         made = getattr(importlib.import_module(module), attribute)()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -15,6 +14,8 @@ from scipy.optimize import linear_sum_assignment
 
 from ..baselines.frame_differencing import GAP, aligned, smooth_gray
 from ..baselines.regions import noise_threshold
+from ..trackers import ANY_FACTORY, look_up
+from ..worker import resolve
 
 __all__ = ["TRACKERS", "Found", "ManyTracker", "make_tracker"]
 
@@ -166,14 +167,6 @@ def make_tracker(name: str) -> ManyTracker:
     ValueError
         If there is none of that name; the message lists the known ones.
     """
-    if name in TRACKERS:
-        return TRACKERS[name]()
-    module, _, attribute = name.partition(":")
-    if not (module and attribute):
-        raise ValueError(f"unknown tracker {name!r}; known: {', '.join(TRACKERS)}, or any pkg.module:factory")
-    try:
-        factory = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"cannot find the tracker {name!r}: {error}") from error
+    factory = resolve(name) if ":" in name else look_up(TRACKERS, name, "tracker", ANY_FACTORY)
     tracker: ManyTracker = factory()
     return tracker
