@@ -40,10 +40,10 @@ from .speed import BLOCK, TIMED_UPDATES, measure_speed
 from .sweep import BOX, Grid, sweep_figure, sweep_jobs, sweep_sequences, sweep_table, sweep_text
 from .tables import (
     Summary,
+    brief_table,
     console_table,
     failure_table,
     format_cell,
-    overall_table,
     protocol_text,
     protocol_title,
     sequence_table,
@@ -220,7 +220,7 @@ def report(
         if len(summary.themes):
             for table, title in _details(summary):
                 _console.print(console_table(table, title))
-        _console.print(console_table(overall_table(summary), summary.source, bold=summary.chosen))
+        _console.print(console_table(brief_table(summary), summary.source, bold=summary.chosen))
         _console.print(f"report: {(path / 'report.html').resolve()}", soft_wrap=True)
 
 
@@ -491,4 +491,4 @@ def _print_summary(folder: Folder, trackers: list[str]) -> None:
     failures = failure_table(summary)
     if len(failures):
         _console.print(console_table(failures, "runs that did not go through"))
-    _console.print(console_table(overall_table(summary), summary.source, bold=summary.chosen))
+    _console.print(console_table(brief_table(summary), summary.source, bold=summary.chosen))

@@ -8,6 +8,7 @@ from typing import Literal
 import pandas as pd
 
 from .metrics import METRICS
+from .statistics import ORACLE
 
 __all__ = ["Rivals", "latex_table"]
 
@@ -16,12 +17,12 @@ Rivals = Literal["rows", "columns", ""]
 _ROWS = 40
 """Most rows of one table: what is longer goes on in the next one."""
 
+_SIGNS_WIDE = 100  # what is wider goes on in the next one, too: made smaller still, nobody could read it
 _LONG_TEXT = 44  # characters from which on a cell is a paragraph
 _UNRATED = {"n", "sequences", "frames", "runs", "won", "even", "lost", "score ≥"}
 _LOWER = {metric.title for metric in METRICS.values() if metric.better == "lower"} | {
     "p95 ms", "failed", "ECE", "sure, wrong", "R (failures)", "failures / 100", "frames dropped",
 }  # fmt: skip
-_TEST_DOUBLE = "Oracle"  # it is no rival
 
 _SIGNS = str.maketrans(
     {
@@ -68,7 +69,7 @@ _TABLE = r"""\begin{table}[htbp]
 
 
 def latex_table(table: pd.DataFrame, *, caption: str, label: str, rivals: Rivals = "") -> str:
-    """Write a table of texts as floats of LaTeX, one for every forty rows.
+    """Write a table of texts as floats of LaTeX, one for every forty rows and hundred signs.
 
     Parameters
     ----------
@@ -84,26 +85,44 @@ def latex_table(table: pd.DataFrame, *, caption: str, label: str, rivals: Rivals
         Needs the packages array, booktabs and graphicx, as its first line says.
     """
     best = _best(table, rivals)
-    wide = [any(len(str(cell)) > _LONG_TEXT for cell in table.iloc[:, column]) for column in range(table.shape[1])]
-    first = "l" if not (wide and wide[0]) else _paragraph(0.4)
-    columns = first + "".join(_paragraph(0.6) if long else "r" for long in wide[1:])
-    rows = [
-        " & ".join(_cell(str(cell), (row, column) in best) for column, cell in enumerate(cells)) + r" \\"
-        for row, cells in enumerate(table.itertuples(index=False))
+    parts = [
+        (columns, range(start, min(start + _ROWS, len(table))))
+        for start in range(0, max(len(table), 1), _ROWS)
+        for columns in _columns(table)
     ]
-    parts = [rows[start : start + _ROWS] for start in range(0, max(len(rows), 1), _ROWS)]
     texts = []
-    for number, part in enumerate(parts):
-        more = " (continued)" if number else ""
+    for number, (columns, rows) in enumerate(parts):
         values = {
-            "caption": caption.translate(_SIGNS) + more,
+            "caption": caption.translate(_SIGNS) + (" (continued)" if number else ""),
             "label": label + (f"-{number + 1}" if number else ""),
-            "columns": columns,
-            "head": " & ".join(str(name).translate(_SIGNS) for name in table.columns),
-            "body": "\n".join(part),
+            "columns": "".join(_alignment(table, column) for column in columns),
+            "head": " & ".join(str(table.columns[column]).translate(_SIGNS) for column in columns),
+            "body": "\n".join(
+                " & ".join(_cell(str(table.iat[row, column]), (row, column) in best) for column in columns) + r" \\"
+                for row in rows
+            ),
         }
         texts.append(_TABLE % values)
     return _HEAD + "\n".join(texts)
+
+
+def _columns(table: pd.DataFrame) -> list[list[int]]:
+    """Columns side by side, as many as can still be read on a page; the first in each part."""
+    widths = [max(len(str(cell)) for cell in (name, *table[name])) for name in table.columns]
+    parts: list[list[int]] = [[0]]
+    for column in range(1, table.shape[1]):
+        room = _SIGNS_WIDE - sum(min(widths[other], _LONG_TEXT) + 2 for other in parts[-1])
+        if min(widths[column], _LONG_TEXT) > room and len(parts[-1]) > 1:
+            parts.append([0])
+        parts[-1].append(column)
+    return parts
+
+
+def _alignment(table: pd.DataFrame, column: int) -> str:
+    cells = [str(cell) for cell in table.iloc[:, column]]
+    if any(len(cell) > _LONG_TEXT for cell in cells):
+        return _paragraph(0.6 if column else 0.4)
+    return "l" if column == 0 or any(cell[:1].isalpha() for cell in cells) else "r"
 
 
 def _paragraph(share: float) -> str:
@@ -120,14 +139,14 @@ def _best(table: pd.DataFrame, rivals: Rivals) -> set[tuple[int, int]]:
     columns = range(1, table.shape[1])
     if rivals == "rows":
         names = table.iloc[:, 0].astype(str).tolist()
-        rated = [row for row, name in enumerate(names) if name != _TEST_DOUBLE]
+        rated = [row for row, name in enumerate(names) if name != ORACLE]
         lines = [
             ([(row, column) for row in rated], str(table.columns[column]) in _LOWER)
             for column in columns
             if str(table.columns[column]) not in _UNRATED
         ]
     elif rivals == "columns":
-        known = {*_UNRATED, *_LOWER, _TEST_DOUBLE, "least IoU"}
+        known = {*_UNRATED, *_LOWER, ORACLE, "least IoU"}
         rated = [column for column in columns if str(table.columns[column]) not in known]
         lines = [([(row, column) for column in rated], False) for row in range(len(table))]
     else:

@@ -104,6 +104,7 @@ def write_page(
         "parameters": {name: _text(value) for name, value in sequence.parameters.items()},
         "frames": len(sequence),
         "strips": rows,
+        "ticks": _ticks(len(sequence)),
         "lines": {row.tracker: _polylines(row) for row in rows},
         "means": {
             row.tracker: _share(float(np.nanmean(row.iou))) if np.isfinite(row.iou).any() else "–" for row in rows
@@ -163,6 +164,12 @@ def _pairs(
         pairs.append(_Pair(frame, failed, encoded[frame - 1], encoded[frame]))
     shown = sum(len(pair.failures) for pair in pairs)
     return sorted(pairs, key=lambda pair: pair.frame), len(found) - shown
+
+
+def _ticks(frames: int) -> list[int]:
+    """Round numbers of frames, ten at most."""
+    steps = (10**power * part for power in range(9) for part in (1, 2, 5))
+    return list(range(0, frames, next(step for step in steps if frames <= 10 * step)))
 
 
 def _polylines(row: Strip) -> list[str]:

@@ -31,7 +31,7 @@ from .plots import (
 )
 from .results import Folder, ResultsError, Run, SpeedRun
 from .sequences import Sequence
-from .statistics import LOW_QUANTILE, SURE, ScoredRun, calibration, curves, score_before_loss
+from .statistics import LOW_QUANTILE, ORACLE, SURE, ScoredRun, calibration, curves, score_before_loss
 from .tables import (
     Summary,
     attribute_table,
@@ -182,7 +182,7 @@ def _sentence(summary: Summary) -> str:
     if np.isfinite(low):
         text += f" ({low:.3f}–{high:.3f})"
     text += f" over {count} of {len(summary.sequences)} sequences"
-    others = [row for row in rows if row[0] not in (summary.chosen, "Oracle")]
+    others = [row for row in rows if row[0] not in (summary.chosen, ORACLE)]
     if others:
         # The table has the best first.
         text += f"; the best other is {others[0][0]} with {others[0][1]:.3f}"
@@ -232,7 +232,7 @@ def _by_shortfall(summary: Summary) -> list[tuple[Sequence, str, float]]:
         row = wide.loc[[sequence.name]].dropna(axis="columns")
         scores = dict(zip(map(str, row.columns), row.to_numpy(float)[0].tolist(), strict=True))
         own = scores.pop(summary.chosen, np.inf)
-        scores.pop("Oracle", None)
+        scores.pop(ORACLE, None)
         best = max(scores, key=lambda name: scores[name], default="")
         rows.append(
             (sequence, best, own - scores.get(best, 0.0), own if sequence.theme else own - scores.get(best, 0.0))

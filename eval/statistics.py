@@ -19,6 +19,7 @@ from .results import COMPLETED, Run, SpeedRun, Trajectory
 from .sequences import Sequence
 
 __all__ = [
+    "ORACLE",
     "ScoredRun",
     "calibration",
     "calibration_error",
@@ -44,6 +45,9 @@ FloatArray = NDArray[np.float64]
 
 LOW_QUANTILE = 0.05
 """Share of the sequences that are worse than what is called the 5 % quantile."""
+
+ORACLE = "Oracle"
+"""The tracker that knows the truth: it shows that the scale ends at 1, and competes with nobody."""
 
 SURE = 0.9
 """Score from which on a tracker counts as sure of itself."""
@@ -164,7 +168,7 @@ def overall(pairs: pd.DataFrame) -> pd.DataFrame:
 def differences(
     pairs: pd.DataFrame, tracker: str, metric: str = "mean_iou", *, together: bool = True
 ) -> pd.DataFrame:
-    """Compare one tracker with each other one on the sequences that both have run.
+    """Compare one tracker with each other one on the sequences that both have run; the oracle is no rival.
 
     Parameters
     ----------
@@ -185,13 +189,15 @@ def differences(
     scenes = _scenes(pairs)
     wide = pairs.pivot(index="sequence", columns="tracker", values=metric)
     rows = []
-    others = wide.columns.drop(tracker, errors="ignore")
+    others = wide.columns.drop([tracker, ORACLE], errors="ignore")
     for other in others:
         gap = (wide[tracker] - wide[other]).dropna()
         if gap.empty:
             continue
         values, places = gap.to_numpy(float), [scenes[str(name)] for name in gap.index]
-        low, high = mean_interval(values, places, comparisons=len(others) if together else 1)
+        # No difference of shares lies outside of −1 to 1, wherever the formula's ends are.
+        bounds = mean_interval(values, places, comparisons=len(others) if together else 1)
+        low, high = np.clip(bounds, -1.0, 1.0)
         test = {"p": sign_flip_p(values, places), "scenes": len(set(places))}
         won, lost = int((gap > 0.02).sum()), int((gap < -0.02).sum())
         worst = {"worst": float(gap.min()), "worst_sequence": str(gap.idxmin())}
@@ -220,7 +226,7 @@ def mean_ranks(pairs: pd.DataFrame, metric: str = "mean_iou") -> tuple[pd.DataFr
     critical : float
         That difference; NaN where there are too few trackers or scenes for one.
     """
-    known = common_pairs(pairs[pairs["tracker"] != "Oracle"].dropna(subset=[metric]))
+    known = common_pairs(pairs[pairs["tracker"] != ORACLE].dropna(subset=[metric]))
     wide = known.pivot_table(index="scene", columns="tracker", values=metric, sort=False).dropna()
     ranks = wide.rank(axis="columns", ascending=False).mean().sort_values(kind="stable")
     critical = critical_difference(len(ranks), len(wide))
@@ -292,7 +298,7 @@ def worst_sequences(pairs: pd.DataFrame, sequences: Iterable[Sequence], chosen: 
     wide = pairs[pairs["sequence"].isin(drawn)].pivot(index="sequence", columns="tracker", values="mean_iou")
     if chosen not in wide:
         return pd.DataFrame(columns=["sequence", "mean_iou", "best_other"])
-    others = wide.drop(columns=[name for name in (chosen, "Oracle") if name in wide]).max(axis=1)
+    others = wide.drop(columns=[name for name in (chosen, ORACLE) if name in wide]).max(axis=1)
     worst = wide[chosen].dropna().nsmallest(count)
     table = pd.DataFrame({"mean_iou": worst, "best_other": others.reindex(worst.index)}).rename_axis("sequence")
     parameters = pd.DataFrame([drawn[str(name)].parameters for name in worst.index], index=worst.index)

@@ -36,6 +36,7 @@ from .statistics import (
 
 __all__ = [
     "Summary",
+    "brief_table",
     "console_table",
     "format_cell",
     "overall_table",
@@ -182,6 +183,10 @@ _COLUMNS_AFTER = (
     "perturbed_iou", "false_true", "false_false", "true_off", "sure_wrong", "ece", "failed", "fps", "p95_ms", "ratio",
     "ratio_interval", "least",
 )  # fmt: skip
+_BRIEF = {_EXTRA_TITLES.get(name) or METRICS[name].title for name in (
+    "tracker", "sequences", "mean_iou", "interval", "mask_iou", "rotated_iou", "sr50", "precision20", "perturbed_iou",
+    "false_true", "false_false", "failed", "fps", "ratio",
+)}  # fmt: skip
 _LONG_TEXT = 40
 _DIGITS = {
     "fps": 0, "p95_ms": 2, "ratio": 1, "least": 1, "failed": 0, "sequences": 0, "runs": 0, "failures": 2,
@@ -212,6 +217,12 @@ def overall_table(summary: Summary) -> pd.DataFrame:
     texts = {name: [format_cell(value, name) for value in table[name]] for name in ("tracker", *kept)}
     titles = {name: metric.title for name, metric in METRICS.items()} | _EXTRA_TITLES
     return pd.DataFrame({titles[name]: column for name, column in texts.items()})
+
+
+def brief_table(summary: Summary) -> pd.DataFrame:
+    """Columns of the main table that a terminal has room for."""
+    table = overall_table(summary)
+    return table[[name for name in table.columns if name in _BRIEF]]
 
 
 def _interval_texts(low: pd.Series[float], high: pd.Series[float], digits: int) -> list[str] | float:
