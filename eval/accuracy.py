@@ -366,9 +366,11 @@ class _Walk:
 
     def step(self, index: int, frame: NDArray[Any]) -> Step:
         self._ask({"do": "frame"}, frame)
-        answer = _checked(*self._ask({"do": "update"})[:2], frame.shape[:2])
+        content, seconds = self._ask({"do": "update"}).content, self._seconds
+        masks = self._ask({"do": "mask"}).arrays if content.get("masked") is True else ()
+        answer = _checked(content, masks, frame.shape[:2])
         self._answers.take(index, **answer)
-        return Step(answer["ok"], answer["box"], self._seconds)
+        return Step(answer["ok"], answer["box"], seconds)
 
     def hold(self, index: int) -> None:
         last, before = self._answers.trajectory, index - 1

@@ -3,8 +3,8 @@
 Requests: ``{"do": "open", "factory": "pkg.module:name", "params": {...}, "seed": 0}``; ``{"do": "frame"}`` with an
 image, which the next two are about; ``{"do": "init", "box": [x, y, w, h]}``; ``{"do": "update"}``, whose answer is
 ``{"ok": true, "box": [x, y, w, h], "score": 0.9, "cpu_ms": 1.2, "wall_ms": 1.3}``: the times are of the call of
-`update` alone. A rotated box comes as its four `corners` beside the box round it, a mask as an array. A process may
-be asked to open one tracker after another.
+`update` alone. A rotated box comes as its four `corners` beside the box round it. ``{"do": "mask"}`` gives the
+object's pixels as an array, of a tracker that is `masked`. A process may be asked to open one tracker after another.
 """
 
 from __future__ import annotations
@@ -76,8 +76,10 @@ class Track:
             self._frame = arrays[0]
         elif content["do"] == "init":
             self._init(content["box"])
+        elif content["do"] == "mask":
+            return {}, self._mask()
         else:
-            return self._update(), self._mask()
+            return self._update(), ()
         return {}, ()
 
     def _init(self, box: list[int]) -> None:
@@ -90,11 +92,12 @@ class Track:
         answer = self._tracker.update(self._frame)
         times = {"cpu_ms": 1000.0 * (process_time() - busy), "wall_ms": 1000.0 * (perf_counter() - start)}
         ok, box, corners = _checked(answer)
-        return {"ok": ok, "box": box, "corners": corners, "score": self._score(), **times}
+        masked = hasattr(self._tracker, "getMask")
+        return {"ok": ok, "box": box, "corners": corners, "masked": masked, "score": self._score(), **times}
 
     def _mask(self) -> Arrays:
-        """The object's pixels, from a tracker that has `getMask` and knows them."""
-        mask = self._tracker.getMask() if hasattr(self._tracker, "getMask") else None
+        """The object's pixels, where the tracker knows them."""
+        mask = self._tracker.getMask()
         if mask is None or self._frame is None:
             return ()
         found = np.asarray(mask)
