@@ -47,6 +47,7 @@ from .tables import (
     theme_table,
     worst_table,
 )
+from .trackers import TRACKERS
 
 __all__ = ["write_figures", "write_report"]
 
@@ -102,6 +103,7 @@ def _contents(
         "sentence": _sentence(summary),
         "colours": _colours(summary),
         "overall": overall_table(summary),
+        "notes": {name: TRACKERS[name].note for name in summary.overall["tracker"] if name in TRACKERS},
         "differences": difference_table(summary),
         "ranks": rank_table(summary) if len(summary.ranks) > 1 else (),
         "ranks_caption": ranks_caption(summary),

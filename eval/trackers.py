@@ -54,6 +54,8 @@ class TrackerSpec:
         Parameters that are model files, and what the names of the files look like.
     by_default : bool, optional
         Run when no tracker is named.
+    note : str, optional
+        What a reader of its figures should know; reports say it.
     """
 
     name: str
@@ -64,6 +66,7 @@ class TrackerSpec:
     sees_truth: bool = False
     models: Mapping[str, str] = field(default_factory=dict)
     by_default: bool = True
+    note: str = ""
 
     def __post_init__(self) -> None:
         json.dumps(dict(self.params))
@@ -85,9 +88,9 @@ def _baseline(name: str, factory: str, *helpers: str, **options: Any) -> Tracker
     return TrackerSpec(name, f"eval.baselines.{factory}", sources=sources, **options)
 
 
-def _with_models(name: str, factory: str, **models: str) -> TrackerSpec:
+def _with_models(name: str, factory: str, note: str = "", /, **models: str) -> TrackerSpec:
     """Spec of a tracker of OpenCV that needs files."""
-    return _baseline(name, f"opencv:{factory}", models=models, by_default=False)
+    return _baseline(name, f"opencv:{factory}", models=models, by_default=False, note=note)
 
 
 def _with_flow(name: str, part: str) -> TrackerSpec:
@@ -101,31 +104,45 @@ TRACKERS: dict[str, TrackerSpec] = {
     for spec in (
         TrackerSpec("TrackerHS", f"{__name__}:trackerhs", sources=("hs_tracker_cv",)),
         _baseline("CSRT", "opencv:csrt"),
-        _baseline("KCF", "opencv:KCF"),
-        _baseline("KCF-primed", "opencv:PrimedKCF"),
-        _baseline("MIL", "opencv:mil", repeats=3),
+        _baseline("KCF", "opencv:KCF", note="as shipped: it does not detect in its first update"),
+        _baseline(
+            "KCF-primed", "opencv:PrimedKCF", note="updated on the frame of its start, and told never to give up"
+        ),
+        _baseline("MIL", "opencv:mil", repeats=3, note="differs from run to run: the mean of three, unless said"),
         _baseline("MOSSE", "opencv:mosse"),
         _baseline("MedianFlow", "opencv:median_flow"),
         _baseline("TemplateMatching", "template_matching:TemplateMatching"),
         _baseline("FrameDifferencing", "frame_differencing:FrameDifferencing", "regions"),
         _baseline("BackgroundModel", "background_model:BackgroundModel", "regions"),
-        _baseline("Static", "known:Static"),
+        _baseline("Static", "known:Static", note="its box never moves"),
         TrackerSpec(
             "Oracle",
             "eval.baselines.known:Oracle",
             sources=("eval.baselines.known", "eval.regions"),
             sees_truth=True,
             by_default=False,
+            note="is told the truth: it shows where the scale ends, and competes with nobody",
         ),
         TrackerSpec(
             "TrackerHS+mask",
             "eval.baselines.masked:Masked",
             sources=("hs_tracker_cv", "eval.baselines.masked"),
             by_default=False,
+            note="the same tracker, which answers with the pixels of its segmentation beside the box",
         ),
         _with_models("TrackerNano", "nano", backbone="*backbone*.onnx", neckhead="*head*.onnx"),
-        _with_models("TrackerVit", "vit", net="*vit*track*.onnx"),
-        _with_models("TrackerVit-normalised", "vit_normalised", net="*vit*track*.onnx"),
+        _with_models(
+            "TrackerVit",
+            "vit",
+            "as shipped: OpenCV 4.13 and 5.0 divide two channels by another deviation than in its training",
+            net="*vit*track*.onnx",
+        ),
+        _with_models(
+            "TrackerVit-normalised",
+            "vit_normalised",
+            "with stdvalue = (0.07433, −0.07598, −0.07565, 0), by which it sees the colours that it was trained on",
+            net="*vit*track*.onnx",
+        ),
         _with_models(
             "DaSiamRPN",
             "dasiamrpn",

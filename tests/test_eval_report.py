@@ -41,6 +41,7 @@ from eval.tables import (
     summarise_folder,
     write_tables,
 )
+from eval.trackers import TRACKERS, TrackerSpec
 
 pytestmark = pytest.mark.once
 
@@ -364,8 +365,11 @@ class _Page(HTMLParser):
         self.text += data
 
 
-def test_the_report_is_one_file_with_everything(summary: Summary, folder: Folder, tmp_path: Path) -> None:
+def test_the_report_is_one_file_with_everything(
+    summary: Summary, folder: Folder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It refers to nothing but its pages; tables, figures, pictures and the reasons are in it, videos beside them."""
+    monkeypatch.setitem(TRACKERS, "Near", TrackerSpec("Near", "a:b", note="is never far"))
     path = tmp_path / "report.html"
     write_report(summary, folder, path, videos=1)
     html = path.read_text(encoding="utf-8")
@@ -387,6 +391,7 @@ def test_the_report_is_one_file_with_everything(summary: Summary, folder: Folder
     assert "false True is the share of the invisible frames" in scoring
     head = page.text.partition("Overall")[2].partition("Curves")[0]
     assert "false True" in head
+    assert "Near is never far." in head
     assert "false False: not said to be where it is seen" in head
     assert "Reliability of the score" in page.text
     assert "The score round a loss" in page.text
