@@ -197,9 +197,9 @@ def _never_occluded(judge: Any) -> Any:
     return judge_nothing
 
 
-def _one_brightness(gains: Any) -> Any:
+def _one_brightness(_: Any) -> Any:
     """Local gains of one: shadow, flicker and glint count as change."""
-    return type(gains)(*((1.0, 1.0) for _ in gains))
+    return 1.0, 1.0
 
 
 class _OtherFlow:
@@ -262,7 +262,7 @@ ABLATIONS: dict[str, Ablation] = {
     "no-registration": Ablation(
         "segmentation",
         "registration with the object layer (Gauss–Newton)",
-        (Cut("segmentation.motion", "_STEPS", lambda _: 0),),
+        (Cut("segmentation.tuning", "OBJECT_STEPS", lambda _: 0),),
     ),
     "no-search": Ablation(
         "segmentation",
@@ -272,7 +272,7 @@ ABLATIONS: dict[str, Ablation] = {
     "no-camera": Ablation(
         "segmentation",
         "registration of the camera to the background memory",
-        (Cut("segmentation.motion", "_CAMERA_STEPS", lambda _: 0),),
+        (Cut("segmentation.tuning", "CAMERA_STEPS", lambda _: 0),),
     ),
     "no-memory": Ablation(
         "segmentation", "background memory", (Cut("segmentation.labelling", "_counts", _without_memory),)
@@ -280,7 +280,7 @@ ABLATIONS: dict[str, Ablation] = {
     "no-gain": Ablation(
         "segmentation",
         "brightness gain (shadow, flicker)",
-        (Cut("segmentation.labelling", "_GAINS", _one_brightness),),
+        tuple(Cut("segmentation.tuning", name, _one_brightness) for name in ("GROUND_GAINS", "OBJECT_GAINS")),
     ),
     "no-colour": Ablation(
         "segmentation",
@@ -290,12 +290,12 @@ ABLATIONS: dict[str, Ablation] = {
     "no-growth": Ablation(
         "segmentation",
         "growth and distractors",
-        (Cut("segmentation.labelling", "_STEPS", lambda steps: steps._replace(growth=0)),),
+        (Cut("segmentation.tuning", "GROWTH", lambda _: 0),),
     ),
     "no-edge": Ablation(
         "segmentation",
         "mixed pixels of the edge",
-        (Cut("segmentation.labelling", "_STEPS", lambda steps: steps._replace(left=1.0)),),
+        (Cut("segmentation.tuning", "LEAST_LEFT", lambda _: 1.0),),
     ),
     "no-occlusion": Ablation("segmentation", "occlusion", (Cut("segmentation.occlusion", "judge", _never_occluded),)),
     "no-keys": Ablation(

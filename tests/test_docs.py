@@ -67,6 +67,16 @@ def test_the_figure_is_that_of_its_script() -> None:
     assert (DOCS / "algorithm.svg").read_text(encoding="utf-8") == figures.figure()
 
 
+def test_the_numbers_are_those_of_the_code() -> None:
+    """`python -m docs.tuning` has been run after the last change, and every number says what it is."""
+    tuning = import_module("docs.tuning")
+    page = (DOCS / "tuning.md").read_text(encoding="utf-8")
+    assert page == tuning.text()
+    rows = re.findall(r"^\| `.*` \| .* \| (.*) \|$", page, flags=re.M)
+    assert len(rows) > 150
+    assert all(rows)
+
+
 @pytest.mark.parametrize("page", [page.name for page in PAGES])
 def test_links_lead_somewhere(page: str) -> None:
     """Links to files of the documents; whether anchors exist is checked by ``mkdocs build --strict``."""

@@ -33,6 +33,9 @@ class Tripwire:
     def __index__(self) -> int:
         raise AssertionError("reached")
 
+    def __iter__(self) -> Iterator[Any]:
+        raise AssertionError("reached")
+
     def __getattr__(self, name: str) -> Any:
         raise AssertionError("reached")
 

@@ -9,21 +9,9 @@ from ..geometry import Box, iou
 from ..patch_tracker import PatchTrackerState
 from ..redetection import Scene, Target
 from ..segmentation import SegmentationState
-from . import rooms
+from . import rooms, tuning
 from .choice import Choice, agreement, size_difference, updated
 from .track import Track, TrackerState, leading
-from .tuning import (
-    ASK_EVERY,
-    CERTAINLY,
-    LEAST,
-    PATIENCE,
-    SIGHTED,
-    SURE,
-    SURELY,
-    UNDERSTOOD,
-    WATCH_EVERY,
-    WHOLE,
-)
 from .turn import Event, Turn, first_state, leader
 
 __all__ = [
@@ -114,7 +102,7 @@ def run_segmentation(turn: Turn) -> Turn:
     if not segmented.estimate.ok:
         event = Event.UNSEEN
     else:
-        event = Event.FOUND if turn.choice.since % ASK_EVERY else Event.DUE
+        event = Event.FOUND if turn.choice.since % tuning.ASK_EVERY else Event.DUE
     return turn._replace(segmentation=segmented, event=event)
 
 
@@ -162,7 +150,7 @@ def run_patch_tracker(turn: Turn) -> Turn:
     """
     segmented, carried = _both(turn)
     carried = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options, near=turn.near)
-    if turn.choice.since % WATCH_EVERY == 0:
+    if turn.choice.since % tuning.WATCH_EVERY == 0:
         segmented = turn.rooms.segmentation.watch(segmented, turn.frame, carried.estimate.box, rooms.SEGMENTATION)
     return turn._replace(segmentation=segmented, patch_tracker=carried, event=Event.RAN)
 
@@ -182,7 +170,7 @@ def weigh(turn: Turn) -> Turn:
             score = choice.belief(score)
             if other.ok and choice.outweighed(score):
                 choice, estimate, score = choice.carried_away, other, other.score
-        elif other.ok and other.score > SURELY:
+        elif other.ok and other.score > tuning.SURELY:
             estimate, score = other, other.score
     turn = turn._replace(choice=choice, estimate=estimate, score=score)
     return turn._replace(event=_outcome(turn))
@@ -209,7 +197,7 @@ def answer_part(turn: Turn) -> Turn:
     """The part of the object that is seen is the answer; the modes go on searching."""
     assert turn.redetected is not None, "a part is seen"
     lost = _advanced(turn, "tracking")
-    return _done(turn, replace(lost, scene=_remembered(turn, lost), box=turn.redetected.box, score=SIGHTED))
+    return _done(turn, replace(lost, scene=_remembered(turn, lost), box=turn.redetected.box, score=tuning.SIGHTED))
 
 
 def begin_anew(turn: Turn) -> Turn:
@@ -225,7 +213,7 @@ def begin_anew(turn: Turn) -> Turn:
             patch_tracker=turn.rooms.patch_tracker.ride(carried, box),
             choice=Choice(),
             box=box,
-            score=SURE,
+            score=tuning.SURE,
         ),
     )
 
@@ -250,7 +238,7 @@ def _both(turn: Turn) -> tuple[SegmentationState, PatchTrackerState]:
 def _segmented(turn: Turn, state: SegmentationState) -> SegmentationState:
     """Follow the object by segmentation; where it is not where it was expected, find its layer again farther away."""
     stepped = turn.rooms.segmentation.step(state, turn.frame, rooms.SEGMENTATION)
-    if stepped.estimate.ok or stepped.estimate.occluded or state.count < 3:
+    if stepped.estimate.ok or stepped.estimate.occluded or state.count < tuning.RELOCATED_FROM:
         return stepped
     found = turn.rooms.segmentation.relocate(state, turn.frame, state.occlusion.coasting, rooms.SEGMENTATION)
     return stepped if found is None else found
@@ -259,7 +247,7 @@ def _segmented(turn: Turn, state: SegmentationState) -> SegmentationState:
 def _relocated(turn: Turn) -> Track | None:
     """The track after its object's layer was found again; None where it was not."""
     track, segmented = turn.track, turn.track.segmentation
-    may_be_here = turn.same or track.interrupted > PATIENCE
+    may_be_here = turn.same or track.interrupted > tuning.PATIENCE
     if segmented is None or not (may_be_here and track.choice.trusted and segmented.estimate.ok):
         return None
     found = turn.rooms.segmentation.relocate(segmented, turn.frame, track.interrupted, rooms.SEGMENTATION)
@@ -272,7 +260,7 @@ def _relocated(turn: Turn) -> Track | None:
         segmentation=found,
         patch_tracker=carried,
         box=box,
-        score=SURELY,
+        score=tuning.SURELY,
         state="tracking" if _is_inside(box, turn.frame) else "lost",
         overview=turn.overview,
         interrupted=0,
@@ -286,7 +274,7 @@ def _sought(turn: Turn) -> Track:
         return track
     carried = turn.rooms.patch_tracker.seek(track.patch_tracker, turn.frame, track.options)
     found, segmented = carried.estimate, track.segmentation
-    if not found.ok or found.score < (SURELY if turn.same else CERTAINLY):
+    if not found.ok or found.score < (tuning.SURELY if turn.same else tuning.CERTAINLY):
         return replace(track, patch_tracker=carried)
     if segmented:
         segmented = turn.rooms.segmentation.reseed(segmented, turn.frame, found.box, rooms.SEGMENTATION)
@@ -308,7 +296,7 @@ def _believable(turn: Turn, box: Box) -> bool:
     scene, seen = turn.track.scene, turn.redetected
     if scene is None:
         return True
-    if seen and seen.share > WHOLE and iou(seen.box, box) < 0.5:
+    if seen and seen.share > tuning.WHOLE and iou(seen.box, box) < tuning.ELSEWHERE:
         return False
     return not turn.rooms.redetection.is_foreign(scene, turn.frame, box)
 
@@ -319,7 +307,7 @@ def _measured(turn: Turn, segmented: SegmentationState, carried: PatchTrackerSta
     if segmented is turn.track.segmentation:  # not watched in this frame
         return replace(choice, since=choice.since + 1)
     # A carried box that does not know where the object is does not know its size.
-    witness = carried.estimate.score > SURE
+    witness = carried.estimate.score > tuning.SURE
     difference = size_difference(segmented.estimate.box, carried.estimate.box) if witness else None
     after = updated(choice, segmented.estimate.unexplained, difference)
     if after.trusted and not choice.trusted and not carried.estimate.ok:
@@ -330,12 +318,12 @@ def _measured(turn: Turn, segmented: SegmentationState, carried: PatchTrackerSta
 def _outcome(turn: Turn) -> Event:
     estimate = turn.estimate
     assert estimate is not None, "the modes ran"
-    if estimate.ok and turn.score < LEAST:
+    if estimate.ok and turn.score < tuning.LEAST:
         return Event.UNLIKELY
     if estimate.ok and _is_inside(estimate.box, turn.frame):
         return Event.LOCATED
     if turn.redetected and _has_both(turn):
-        return Event.PART if turn.redetected.share < WHOLE else Event.WHOLE
+        return Event.PART if turn.redetected.share < tuning.WHOLE else Event.WHOLE
     return Event.HIDDEN if estimate.occluded else Event.MISSING
 
 
@@ -367,7 +355,7 @@ def _target(turn: Turn) -> Target | None:
     known, segmented = turn.track.target, turn.segmentation
     if segmented is None or not segmented.estimate.ok:
         return known
-    if known is None or (turn.choice.trusted and segmented.estimate.score > SURE):
+    if known is None or (turn.choice.trusted and segmented.estimate.score > tuning.SURE):
         return turn.rooms.redetection.target_of(segmented, known)
     return known
 
@@ -375,6 +363,6 @@ def _target(turn: Turn) -> Target | None:
 def _remembered(turn: Turn, lost: Track) -> Scene | None:
     """The scene without the object: the frame in which it was lost."""
     before = turn.track
-    if before.state != "tracking" or before.scene or not lost.target or lost.choice.unexplained >= UNDERSTOOD:
+    if before.state != "tracking" or before.scene or not lost.target or lost.choice.unexplained >= tuning.UNDERSTOOD:
         return before.scene
     return turn.rooms.redetection.scene_without(turn.frame, lost.target)

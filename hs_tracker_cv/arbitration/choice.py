@@ -18,22 +18,7 @@ from typing import Annotated
 
 from ..geometry import Box, iou
 from ..validation import Count, Within
-from .tuning import (
-    ALIKE,
-    APART,
-    FIRST_SWITCH,
-    FLOOR,
-    LEAST,
-    LEAVE,
-    LIKELY,
-    LIMIT,
-    RATE,
-    RATHER,
-    RETURN,
-    SIZE_WEIGHT,
-    TOGETHER,
-    WITNESS_FRAMES,
-)
+from . import tuning
 
 __all__ = ["Choice", "agreement", "size_difference", "updated"]
 
@@ -49,8 +34,8 @@ class Choice:
     log_unexplained : float
         Running mean of log(unexplained share of the background + 0.01).
     size_difference : float
-        Mean `size_difference` of the two boxes, over those of the first `WITNESS_FRAMES` frames in which the carried
-        box is a witness.
+        Mean `size_difference` of the two boxes, over those of the first `tuning.WITNESS_FRAMES` frames in which the
+        carried box is a witness.
     witnessed : int
         How many these were.
     trusted : bool
@@ -75,21 +60,21 @@ class Choice:
     @property
     def unexplained(self) -> float:
         """Running share of the background that its memory does not explain, 0–1."""
-        return math.exp(self.log_unexplained) - FLOOR
+        return math.exp(self.log_unexplained) - tuning.FLOOR
 
     @property
     def doubt(self) -> float:
         """How far the measurements speak against segmentation: positive, they do; negative, they do not."""
-        return self.log_unexplained + SIZE_WEIGHT * self.size_difference - LIMIT
+        return self.log_unexplained + tuning.SIZE_WEIGHT * self.size_difference - tuning.LIMIT
 
     @property
     def contradicted(self) -> bool:
         """The carried box is rather right than not, and elsewhere."""
-        return self.agreement < APART and self.chance > RATHER
+        return self.agreement < tuning.APART and self.chance > tuning.RATHER
 
     def outweighed(self, belief: float) -> bool:
         """A segment hardly to be believed stands against a carried box that is rather right than not."""
-        return self.trusted and belief < LEAST and self.chance > RATHER
+        return self.trusted and belief < tuning.LEAST and self.chance > tuning.RATHER
 
     @property
     def carried_away(self) -> Choice:
@@ -105,8 +90,9 @@ class Choice:
 
         Logistic; fitted on ``drawn:160:101`` and on 22 real sequences (choose.txt), three starts each.
         """
-        evidence = 0.84 * _log_odds(self.chance) + 0.6 * _log_odds(score) + 8.2 * self.agreement - 0.8 * self.doubt
-        return 1.0 / (1.0 + math.exp(6.8 - evidence))
+        evidence = tuning.BELIEF_CHANCE * _log_odds(self.chance) + tuning.BELIEF_SCORE * _log_odds(score)
+        evidence = evidence + tuning.BELIEF_AGREEMENT * self.agreement + tuning.BELIEF_DOUBT * self.doubt
+        return 1.0 / (1.0 + math.exp(-tuning.BELIEF - evidence))
 
 
 def updated(choice: Choice, unexplained: float, difference: float | None) -> Choice:
@@ -120,7 +106,7 @@ def updated(choice: Choice, unexplained: float, difference: float | None) -> Cho
         Share of the known background outside the mask that its memory does not explain in this frame, 0–1.
     difference : float or None
         `size_difference` of the two boxes in this frame; None when the carried box is no witness, not being sure
-        itself. Not used after the first `WITNESS_FRAMES`.
+        itself. Not used after the first `tuning.WITNESS_FRAMES`.
 
     Returns
     -------
@@ -128,26 +114,27 @@ def updated(choice: Choice, unexplained: float, difference: float | None) -> Cho
     """
     frames = choice.frames + 1
     # A plain mean at first, an exponential one later.
-    mean = choice.log_unexplained + max(RATE, 1.0 / frames) * (math.log(unexplained + FLOOR) - choice.log_unexplained)
+    rate = max(tuning.RATE, 1.0 / frames)
+    mean = choice.log_unexplained + rate * (math.log(unexplained + tuning.FLOOR) - choice.log_unexplained)
     size, witnessed = choice.size_difference, choice.witnessed
-    if frames <= WITNESS_FRAMES and difference is not None:
+    if frames <= tuning.WITNESS_FRAMES and difference is not None:
         witnessed += 1
         size += (difference - size) / witnessed
     seen = replace(
         choice, frames=frames, log_unexplained=mean, size_difference=size, witnessed=witnessed, since=choice.since + 1
     )
-    if frames < FIRST_SWITCH:
+    if frames < tuning.FIRST_SWITCH:
         return seen
     if seen.trusted:
-        alike = seen.agreement > TOGETHER and seen.size_difference < ALIKE
-        doubtful = seen.doubt >= LEAVE and not alike
-        leave = seen.contradicted or (doubtful and seen.chance > LIKELY)
+        alike = seen.agreement > tuning.TOGETHER and seen.size_difference < tuning.ALIKE
+        doubtful = seen.doubt >= tuning.LEAVE and not alike
+        leave = seen.contradicted or (doubtful and seen.chance > tuning.LIKELY)
         return seen.carried_away if leave else seen
-    return replace(seen, trusted=True, since=0) if seen.doubt < RETURN else seen
+    return replace(seen, trusted=True, since=0) if seen.doubt < tuning.RETURN else seen
 
 
 def _log_odds(chance: float) -> float:
-    chance = min(max(chance, 0.02), 0.98)
+    chance = min(max(chance, tuning.LEAST_ODDS), tuning.MOST_ODDS)
     return math.log(chance / (1.0 - chance))
 
 
@@ -169,4 +156,4 @@ def agreement(a: Box, b: Box) -> float:
     """
     (ax, ay), (bx, by) = a.centre, b.centre
     side = math.sqrt(max(0.5 * (a.area + b.area), 1.0))
-    return min(max(iou(a, b), 1.0 - 1.5 * math.hypot(ax - bx, ay - by) / side), 1.0)
+    return min(max(iou(a, b), 1.0 - tuning.PLACE_WEIGHT * math.hypot(ax - bx, ay - by) / side), 1.0)

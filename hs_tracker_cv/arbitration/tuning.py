@@ -1,4 +1,8 @@
-"""The numbers of arbitration: what each is, its unit, and where it was chosen (docs/tuning.md lists them all)."""
+"""The numbers of arbitration: what each is, and its unit.
+
+Where they were chosen: on `drawn:160:101`, `standard` and the 22 real sequences of choose.txt (three starts each)
+unless a line says otherwise; docs/tuning.md lists them all.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,8 @@ SURELY = 0.9
 """Chance from which the carried box answers for a segmentation that sees nothing: it was right in 78 of 78 frames."""
 
 SURE = 0.8
-"""Score from which the carried box may take over from a segmentation that is doubted, and its size is compared."""
+"""Score from which the carried box may take over from a segmentation that is doubted, and its size is compared.
+Chosen on `develop`, `compressed` and the first 150 frames of all real sequences."""
 
 ASK_EVERY = 8
 """Frames between two questions to a carried box that rides on a segment: where would it be on its own?"""
@@ -37,7 +42,8 @@ CERTAINLY = 0.95
 sequences .9 was too little (4 % of the answers True), .97 gave what .95 gives."""
 
 LIMIT = -2.25
-"""Log share of the background not explained at which segmentation is doubted, the sizes being alike."""
+"""Log share of the background not explained at which segmentation is doubted, the sizes being alike. First chosen on
+`develop` and nine real sequences, then moved from −2.0 (docs/results.md)."""
 
 SIZE_WEIGHT = 4.0
 """Weight of the size difference beside that log share."""
@@ -62,3 +68,19 @@ APART, RATHER = 0.5, 0.6
 
 LIKELY = 0.7
 """Chance from which the carried box takes over from a segment that is doubted."""
+
+BELIEF, BELIEF_CHANCE, BELIEF_SCORE, BELIEF_AGREEMENT, BELIEF_DOUBT = -6.8, 0.84, 0.6, 8.2, -0.8
+"""Logistic fit of the chance that a segment is right: constant, weights of the log-odds of the carried box's chance
+and of the segment's own score, of the agreement, and of the doubt."""
+
+LEAST_ODDS, MOST_ODDS = 0.02, 0.98
+"""Chances below and above which it makes no difference."""
+
+PLACE_WEIGHT = 1.5
+"""How fast agreement falls with the distance of two boxes, per root of their mean area."""
+
+ELSEWHERE = 0.5
+"""IoU with what is seen of the whole object below which a mode has found something else."""
+
+RELOCATED_FROM = 3
+"""Frames of segmentation from which its layer is looked for farther away."""

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from .._native import kernels
 from ..validation import Shape, Within
+from . import tuning
 from .patches import Place
 
 __all__ = [
@@ -45,34 +46,10 @@ __all__ = [
 F32 = NDArray[np.float32]
 _Spectrum = Annotated[F32, Shape(40, 21, 2, "features")]
 
-CELLS = 40
-"""Cells along a side of the window; each is 4 × 4 samples."""
+CELLS = tuning.CELLS
 
 PATCH = 4 * CELLS + 2
 """Samples along a side of the window, with one more at each end."""
-
-_REACH = 5.0
-"""Side of the window, in roots of the box's area."""
-
-_SIGMA = 1.0 / 16.0
-"""Width of the wanted response, in roots of the box's area."""
-
-_INSIDE, _OUTSIDE = 1e-6, 1e10
-"""Penalties on the square of the filter."""
-
-_MEMORY, _COUPLING, _GROWTH, _ROUNDS = 15.0, 1.0, 10.0, 2
-"""Weight of the last filter; weights of the alternating directions, and how often they are changed."""
-
-_CHANGED, _MOVES = 32.0, 10.0
-"""Gray levels from which a change is full in the channel that shows it, and counts as that of a moving thing."""
-
-_DIMMED = 0.65
-"""By how much channels are dimmed where nothing moves, while the camera stands still."""
-
-_STILL, _SHAKEN = 1.5, 3.0
-"""Gray levels by which surroundings change from which a camera does not count wholly, and not at all, as still."""
-
-_UNREST_RATE, _UNREST_SHARE = 0.1, 0.7
 
 _GRAY_CHANNELS, _COLOUR_CHANNELS = 16, 24
 
@@ -203,20 +180,20 @@ class Seen(NamedTuple):
 def lattice_of(width: float, height: float) -> Lattice:
     """Lattice for a first box of that size, px."""
     side = math.sqrt(width * height)
-    cell = _REACH * side / CELLS
+    cell = tuning.WINDOW * side / CELLS
     steps = np.minimum(np.arange(CELLS), CELLS - np.arange(CELLS))
     square = steps[:, None] ** 2 + steps**2
-    wanted = np.exp(square / (-2.0 * (_SIGMA * side / cell) ** 2))
+    wanted = np.exp(square / (-2.0 * (tuning.SIGMA * side / cell) ** 2))
     distance = np.abs(np.arange(CELLS) + 0.5 - CELLS / 2) * cell
     fade = np.sin(np.pi * (np.arange(CELLS) + 1) / (CELLS + 1)) ** 2
     # A thin object has two cells across nevertheless.
-    inside = _within(distance, max(width / 2, 0.75 * cell), max(height / 2, 0.75 * cell))
+    inside = _within(distance, max(width / 2, tuning.THIN * cell), max(height / 2, tuning.THIN * cell))
     return Lattice(
         cell / 4,
         np.ascontiguousarray(np.fft.rfft2(wanted).real, np.float32),
-        np.where(inside, np.float32(_INSIDE), np.float32(_OUTSIDE)),
+        np.where(inside, np.float32(tuning.INSIDE), np.float32(tuning.OUTSIDE)),
         np.outer(fade, fade).astype(np.float32),
-        ~_within(distance, 0.65 * width, 0.65 * height),
+        ~_within(distance, tuning.AROUND * width, tuning.AROUND * height),
     )
 
 
@@ -281,7 +258,7 @@ def learn(finder: Finder, scene: Scene) -> Finder:
 def notice(finder: Finder, change: float) -> Finder:
     """Take in by how many gray levels the surroundings have changed since the frame before."""
     old = finder.unrest
-    return finder._replace(unrest=change if old is None else old + _UNREST_RATE * (change - old))
+    return finder._replace(unrest=change if old is None else old + tuning.UNREST_RATE * (change - old))
 
 
 def _glance(finder: Finder, scene: Scene) -> tuple[F32, float]:
@@ -296,16 +273,16 @@ def _glance(finder: Finder, scene: Scene) -> tuple[F32, float]:
         changes = np.abs(grays - then)
         around = changes[lattice.around]
         if around.size:
-            rank = int(_UNREST_SHARE * (around.size - 1))
+            rank = int(tuning.UNREST_SHARE * (around.size - 1))
             change = float(np.partition(around, rank)[rank])
         unrest = change if finder.unrest is None else finder.unrest
-        still = min(max((_SHAKEN - unrest) / (_SHAKEN - _STILL), 0.0), 1.0)
+        still = min(max((tuning.SHAKEN - unrest) / (tuning.SHAKEN - tuning.STILL), 0.0), 1.0)
         if finder.unrest is not None:
             # What stands still while the camera does is hardly the object.
-            moving = np.minimum(changes * np.float32(1.0 / _MOVES), np.float32(1.0))
-            dimmed = np.float32(_DIMMED * still) * (np.float32(1.0) - cv2.blur(moving, (3, 3)))
+            moving = np.minimum(changes * np.float32(1.0 / tuning.MOVES), np.float32(1.0))
+            dimmed = np.float32(tuning.DIMMED * still) * (np.float32(1.0) - cv2.blur(moving, (3, 3)))
             features *= (np.float32(1.0) - dimmed)[:, :, np.newaxis]
-        features[:, :, -1] = np.minimum(changes * np.float32(1.0 / _CHANGED), np.float32(1.0)) * lattice.fade
+        features[:, :, -1] = np.minimum(changes * np.float32(1.0 / tuning.CHANGED), np.float32(1.0)) * lattice.fade
         features[:, :, -1] *= np.float32(still)
     spectrum = np.empty((CELLS, CELLS // 2 + 1, 2, channels), np.float32)
     kernels.transform(features, spectrum)
@@ -323,7 +300,8 @@ def _respond(finder: Finder, spectrum: F32, change: float, fade: Fade) -> Seen:
 
 def _adapt(spectrum: F32, lattice: Lattice, old: F32 | None, filter_: F32) -> None:
     kernels.adapt(
-        spectrum, lattice.target, lattice.penalty, old, _MEMORY, _COUPLING, _GROWTH, _ROUNDS, filter_
+        spectrum, lattice.target, lattice.penalty, old, tuning.MEMORY, tuning.COUPLING, tuning.COUPLING_GROWTH,
+        tuning.ROUNDS, filter_,
     )  # fmt: skip
 
 
@@ -336,7 +314,8 @@ def likelihood(seen: Seen, level: float) -> float:
     level : float
         Height of the peak, relative to its running mean.
     """
-    level = min(max(level, 0.1), 1.0)
-    second = min(max(seen.second / max(seen.height, 1e-6), 0.0), 1.2)
+    level = min(max(level, tuning.LEVEL_LEAST), 1.0)
+    second = min(max(seen.second / max(seen.height, 1e-6), 0.0), tuning.SECOND_MOST)
     witness = min(max(seen.witness, 0.0), 1.0)
-    return 1.0 / (1.0 + math.exp(-4.5 - 1.4 * math.log(level) + 7.2 * second - 1.6 * witness))
+    height = tuning.CHANCE + tuning.CHANCE_LEVEL * math.log(level)
+    return 1.0 / (1.0 + math.exp(-height - tuning.CHANCE_SECOND * second - tuning.CHANCE_WITNESS * witness))

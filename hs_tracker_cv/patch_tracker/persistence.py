@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._native import kernels
+from . import tuning
 from .state import Geometry, PatchTrackerParams, PatchTrackerState, Pose
 from .view import Patch
 
 __all__ = [
-    "MASK_FLOOR",
     "Carried",
     "Followed",
     "body_weights",
@@ -28,9 +28,6 @@ __all__ = [
 ]
 
 F32 = NDArray[np.float32]
-
-MASK_FLOOR = 0.15
-"""Weight in the fit of the flow of a pixel that never moved with the object."""
 
 
 class Followed(NamedTuple):
@@ -65,7 +62,7 @@ class Carried(NamedTuple):
 
 def body_weights(state: PatchTrackerState) -> F32:
     """Weights of what is kept, on the lattice of the fine patch."""
-    return np.asarray(np.float32(0.1) + state.kept.repeat(2, 0).repeat(2, 1), np.float32)
+    return np.asarray(np.float32(tuning.KEPT_FLOOR) + state.kept.repeat(2, 0).repeat(2, 1), np.float32)
 
 
 def correlation(a: F32, b: F32, weights: F32) -> float:
@@ -125,7 +122,7 @@ def _kept(
     kernels.keep(
         state.kept, g.body, model.previous, model.means, g.weights, followed.planes, followed.flow, patch,
         right / unit, down / unit, zoom * math.cos(turn), zoom * math.sin(turn), p.same, p.changed, rate, mean_rate,
-        mask_rate, MASK_FLOOR, kept, means,
+        mask_rate, tuning.MASK_FLOOR, kept, means,
     )  # fmt: skip
     return kept, means
 

@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import finder as finders
+from . import tuning
 from .state import Geometry, PatchTrackerParams, PatchTrackerState, Pose
 from .view import View
 
 __all__ = ["Found", "find", "look"]
 
 F32 = NDArray[np.float32]
-
-_LOOKS, _PLACES, _APART = 3, 200, 1.9
-_TURN = 0.02  # rad: a smaller turn makes no difference
-_CLEAR = 0.9  # chance from which no other angle is tried
 
 
 class Found(NamedTuple):
@@ -43,9 +40,11 @@ def look(state: PatchTrackerState, view: View, at: Pose, expected: Pose, penalty
 def find(state: PatchTrackerState, view: View, expected: Pose, p: PatchTrackerParams) -> Found:
     """Best place in the window at the pose expected; once the object is lost, elsewhere too."""
     g, lost = state.geometry, state.low - p.patience
-    penalty = p.distance_penalty / (1.0 + 0.5 * state.low)
+    penalty = p.distance_penalty / (1.0 + tuning.PENALTY_FADE * state.low)
     best = look(state, view, expected, expected, penalty)
-    if best.chance < _CLEAR and abs(expected.angle - state.estimate.angle) > _TURN:  # it may not have turned as told
+    if (
+        best.chance < tuning.CLEAR and abs(expected.angle - state.estimate.angle) > tuning.SAME_TURN
+    ):  # it may not have turned as told
         upright = expected._replace(angle=state.estimate.angle)
         best = max(best, look(state, view, upright, upright, penalty), key=lambda found: found.chance)
     if lost > 0 and best.chance < p.sure:
@@ -64,15 +63,15 @@ def find(state: PatchTrackerState, view: View, expected: Pose, p: PatchTrackerPa
 def _elsewhere(pose: Pose, g: Geometry, view: View, lost: int) -> list[Pose]:
     """Where else to look for a lost object: at a few more places in each frame, near ones first.
 
-    These are `_APART` boxes apart and cover the frame, or of a large one the part round the last pose;
+    These are `tuning.APART` boxes apart and cover the frame, or of a large one the part round the last pose;
     then from the beginning again.
     """
-    apart = _APART * math.sqrt(g.w * g.h * pose.sx * pose.sy)
+    apart = tuning.APART * math.sqrt(g.w * g.h * pose.sx * pose.sy)
     frame_width, frame_height = view.size
     room = (pose.cx, frame_width - pose.cx, pose.cy, frame_height - pose.cy)
     places = _places(*(max(0, math.ceil(each / apart)) for each in room))
-    first = _LOOKS * (lost - 1)
-    steps = [places[i % len(places)] for i in range(first, first + min(_LOOKS, len(places)))]
+    first = tuning.LOOKS * (lost - 1)
+    steps = [places[i % len(places)] for i in range(first, first + min(tuning.LOOKS, len(places)))]
     # The outermost places are on the border, where what has left comes back.
     return [
         pose._replace(
@@ -87,7 +86,7 @@ def _elsewhere(pose: Pose, g: Geometry, view: View, lost: int) -> list[Pose]:
 def _places(left: int, right: int, up: int, down: int) -> list[tuple[int, int]]:
     """Steps to the nearest of all places that so many steps reach, the nearest first."""
     # No farther than the nearest can lie: a small object in a large frame has a hundred thousand places.
-    reach = 16 + _PLACES // min(left + right + 1, up + down + 1)
+    reach = tuning.LEAST_REACH + tuning.PLACES // min(left + right + 1, up + down + 1)
     left, right, up, down = (min(room, reach) for room in (left, right, up, down))
     steps = [(x, y) for y in range(-up, down + 1) for x in range(-left, right + 1) if (x, y) != (0, 0)]
-    return sorted(steps, key=lambda step: step[0] ** 2 + step[1] ** 2)[:_PLACES]
+    return sorted(steps, key=lambda step: step[0] ** 2 + step[1] ** 2)[: tuning.PLACES]

@@ -14,6 +14,7 @@ from ..estimate import Estimate
 from ..flow.params import Mode
 from ..geometry import Box
 from ..validation import Count, Shape, Within
+from . import tuning
 from .finder import Finder, Lattice, lattice_of
 
 __all__ = [
@@ -30,8 +31,6 @@ __all__ = [
     "halved",
     "jump_from",
 ]
-
-_LARGEST = 8.0  # objects larger than that many frames are no objects
 
 F32 = NDArray[np.float32]
 _Fine = Annotated[F32, Shape("fine h", "fine w")]
@@ -324,17 +323,17 @@ def geometry_of(box: Box, p: PatchTrackerParams) -> Geometry:
     y, x = np.mgrid[:fh, :fw].astype(np.float32)
     x, y = (x - (fw - 1) / 2) / (nw / 2), (y - (fh - 1) / 2) / (nh / 2)
     square = x * x + y * y
-    weights = np.exp(-((square / 0.9**2) ** 2))
-    inner = np.exp(-((square / 0.85**2) ** 2))
+    weights = np.exp(-((square / tuning.BODY**2) ** 2))
+    inner = np.exp(-((square / tuning.BODY_INNER**2) ** 2))
     inner /= inner.sum()
-    outside = np.maximum(np.abs(x), np.abs(y)) > 1.1
+    outside = np.maximum(np.abs(x), np.abs(y)) > tuning.BEYOND
     cw, ch = (cv2.getOptimalDFTSize(round(n / coarse_step / 2 + p.coarse_margin)) * 2 for n in (box.w, box.h))
     y, x = np.mgrid[:ch, :cw].astype(np.float32)
     x, y = x * (coarse_step / box.w), y * (coarse_step / box.h)
-    inside = (np.abs(x - x[0, -1] / 2) < 0.45) & (np.abs(y - y[-1, 0] / 2) < 0.45)
+    inside = (np.abs(x - x[0, -1] / 2) < tuning.MIDDLE) & (np.abs(y - y[-1, 0] / 2) < tuning.MIDDLE)
     return Geometry(
         box.w, box.h, fine_step, coarse_step, inner.astype(np.float32), weights.astype(np.float32),
-        outside.astype(np.float32), halved((square < 1.2).astype(np.float32)),
+        outside.astype(np.float32), halved((square < tuning.KEPT_BODY).astype(np.float32)),
         np.float32(4.0) * halved(inner.astype(np.float32)), inside.astype(np.uint8), lattice_of(box.w, box.h),
     )  # fmt: skip
 
@@ -345,7 +344,7 @@ def belongs(state: PatchTrackerState, width: int, height: int, p: PatchTrackerPa
     Its geometry follows from its first box; and windows of objects far larger than the frame would fill the memory.
     """
     g, poses = state.geometry, [pose for pose in (state.pose, state.hint) if pose]
-    if max(max(g.w * pose.sx, g.h * pose.sy) for pose in poses) > _LARGEST * max(width, height):
+    if max(max(g.w * pose.sx, g.h * pose.sy) for pose in poses) > tuning.LARGEST * max(width, height):
         return False
     own = geometry_of(Box(0.0, 0.0, g.w, g.h), p)
     pairs = zip((*g[:-1], *g.lattice), (*own[:-1], *own.lattice), strict=True)

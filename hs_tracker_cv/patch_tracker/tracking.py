@@ -13,9 +13,9 @@ from ..flow import HornSchunck
 from ..frames import Frame
 from ..geometry import Box
 from . import finder as finders
+from . import tuning
 from .patches import COLOURS, GRAYS
 from .persistence import (
-    MASK_FLOOR,
     Carried,
     Followed,
     body_weights,
@@ -42,14 +42,6 @@ __all__ = ["dismiss", "ride", "seek", "start", "step", "turned"]
 
 F32 = NDArray[np.float32]
 
-_COLOUR_THRESHOLD = 2.0
-_KEY_MATCH = 0.7
-_MIN_SIDE = 6.0
-_CLEARLY = 0.1
-_RIDE_RATE = 0.03
-_MAX_TURN = 0.15
-_LEAST_TURN = 0.025  # rad per frame: less is within the error of its measurement, and within what the finder bears
-_ZOOMS = (0.67, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.7)
 _GOOD, _UNSURE, _WEAK, _BAD = "good", "unsure", "weak", "bad"
 
 
@@ -107,9 +99,9 @@ def _window(g: Geometry, pose: Pose) -> tuple[Box, float]:
 def _first_model(view: View, g: Geometry, pose: Pose) -> Model:
     fine, colours, histograms = view.fine(pose).gray, view.colours(pose), None
     still, moving = np.zeros((*fine.shape, 2), np.float32), np.ones_like(fine)
-    means = np.stack((fine, still[:, :, 0], moving, np.float32(1.0 + MASK_FLOOR) * g.weights))
+    means = np.stack((fine, still[:, :, 0], moving, np.float32(1.0 + tuning.MASK_FLOOR) * g.weights))
     is_gray = len(colours) == 1
-    if is_gray or float(np.abs(colours[0] - colours[2]).mean()) > _COLOUR_THRESHOLD:
+    if is_gray or float(np.abs(colours[0] - colours[2]).mean()) > tuning.COLOUR_THRESHOLD:
         nothing = np.zeros((2, GRAYS if is_gray else COLOURS), np.float32)
         histograms = view.learned_colours(pose, nothing, 1.0)
     located = finders.start(view.scene(pose), g.lattice, histograms is not None and not is_gray)
@@ -150,7 +142,7 @@ def step(
         stayed, coherence, kept = _continue(state, view, expected, params)
         if kept_share(kept, g) > params.unsure:
             # What goes on in the box has not leapt out of it.
-            if leap and coherence > coherence_with(state, view.fine(pose).gray) + _CLEARLY:
+            if leap and coherence > coherence_with(state, view.fine(pose).gray) + tuning.CLEARLY:
                 verdict, coarse = _UNSURE, stayed
             elif verdict == _WEAK and found.chance > params.hopeless:
                 verdict = _UNSURE
@@ -167,7 +159,7 @@ def step(
     if verdict == _GOOD:
         model = _learn(model, means, view, g, pose, carried.patch.agreement, max(keys), share, params)
         good_frames += 1
-        peak += max(0.05, 1.0 / good_frames) * (found.seen.height - peak)
+        peak += max(tuning.PEAK_RATE, 1.0 / good_frames) * (found.seen.height - peak)
     model = model._replace(located=finders.notice(model.located, found.seen.change))
     # Without `rotation` the turn is only how the object is found: the box stays that of the first frame.
     box = box_at(g, pose if params.rotation else pose._replace(angle=0.0))
@@ -204,7 +196,11 @@ def _applied(pose: Pose, followed: Followed, g: Geometry, limit: float) -> Pose:
     moved = pose.shifted(g.fine_step * pose.sx * right, g.fine_step * pose.sy * down)
     factor = 1.0 + min(max(growth, -limit), limit)
     return Pose(
-        moved.cx, moved.cy, pose.sx * factor, pose.sy * factor, pose.angle + min(max(turn, -_MAX_TURN), _MAX_TURN)
+        moved.cx,
+        moved.cy,
+        pose.sx * factor,
+        pose.sy * factor,
+        pose.angle + min(max(turn, -tuning.MAX_TURN), tuning.MAX_TURN),
     )
 
 
@@ -216,9 +212,9 @@ def _carry(state: PatchTrackerState, view: View, found: Found, p: PatchTrackerPa
     followed = _followed(model.previous, start.gray, flow, model.means[3], g, p, p.separation, likelihood)
     fine = _applied(coarse, followed, g, p.max_scale_step)
     patch = view.fine(fine)
-    if patch.agreement < start.agreement - 0.02:
+    if patch.agreement < start.agreement - tuning.WORSE:
         return Carried(coarse, start, followed, start)
-    trust = min(max((patch.agreement - 0.3) / 0.4, 0.0), 1.0)
+    trust = min(max((patch.agreement - tuning.TRUST_FROM) / tuning.TRUST_SPAN, 0.0), 1.0)
     cx, cy = coarse.cx + trust * (fine.cx - coarse.cx), coarse.cy + trust * (fine.cy - coarse.cy)
     return Carried(Pose(cx, cy, *fine[2:]), patch, followed, start)
 
@@ -230,16 +226,17 @@ def _continue(state: PatchTrackerState, view: View, expected: Pose, p: PatchTrac
     """
     g, model = state.geometry, state.model
     current = view.fine(expected).gray
-    prior = g.weights * (np.float32(MASK_FLOOR) + model.means[2]) * body_weights(state)
+    prior = g.weights * (np.float32(tuning.MASK_FLOOR) + model.means[2]) * body_weights(state)
     flow = _flow(model.previous, current, p, p.levels)
     followed = _followed(model.previous, current, flow, prior, g, p, p.separation)
     pose = _applied(expected, followed, g, 0.0)
     patch = view.fine(pose).gray
     before, coherence = coherence_with(state, current), coherence_with(state, patch)
-    if coherence < before - 0.02:
+    if coherence < before - tuning.WORSE:
         pose, patch, coherence = expected, current, before
     kept = carried_along(state, followed, expected, pose, patch, p)
-    return pose, coherence, kept * np.float32(min(max(1.5 * coherence / p.coherent - 0.5, 0.0), 1.0))
+    share = tuning.COHERENCE_SLOPE * coherence / p.coherent - tuning.COHERENCE_OFFSET
+    return pose, coherence, kept * np.float32(min(max(share, 0.0), 1.0))
 
 
 def _hold(
@@ -250,10 +247,10 @@ def _hold(
     best, found = scores.index(max(scores)), None
     candidate, score = _registered(state, view, best, carried.patch.gray, pose, carried.followed.planes[2], p)
     if score > scores[best]:
-        scores[best], found = score, candidate if score > _KEY_MATCH else None
+        scores[best], found = score, candidate if score > tuning.KEY_MATCH else None
     if scores[0] < p.reset_below:
         # Only the first keyframe's size is what the user drew.
-        other = pose.scaled(_ZOOMS[(state.good_frames + state.low) % len(_ZOOMS)])
+        other = pose.scaled(tuning.ZOOMS[(state.good_frames + state.low) % len(tuning.ZOOMS)])
         reset, score = _registered(state, view, 0, view.fine(other).gray, other, g.weights, p)
         # A patch of a few blurred edges fits in many sizes; what surrounds it does not.
         if score > max(p.reset_match, scores[0] + p.reset_gain) and (
@@ -278,9 +275,9 @@ def _registered(
 
 
 def _gate_scale(pose: Pose, old: Pose, agreement: float, g: Geometry, frame: Frame) -> Pose:
-    factor = (pose.sx / old.sx) ** min(max((agreement - 0.5) / 0.4, 0.0), 1.0)
+    factor = (pose.sx / old.sx) ** min(max((agreement - tuning.SIZE_FROM) / tuning.SIZE_SPAN, 0.0), 1.0)
     side = math.sqrt(g.w * g.h * old.sx * old.sy) * factor
-    if not _MIN_SIDE <= side <= 0.9 * max(frame.width, frame.height):
+    if not tuning.MIN_SIDE <= side <= tuning.MOST_OF_FRAME * max(frame.width, frame.height):
         factor = 1.0
     return Pose(pose.cx, pose.cy, old.sx * factor, old.sy * factor, pose.angle)
 
@@ -300,7 +297,7 @@ def _judge(
     keyframe.
     """
     jump = jump_from(state.geometry, pose, expected)
-    if _visible(box_at(state.geometry, pose), frame) < 0.2:
+    if _visible(box_at(state.geometry, pose), frame) < tuning.LEAST_VISIBLE:
         return _BAD
     if jump < p.far and state.low <= p.patience:
         believed = chance > p.sure
@@ -330,11 +327,11 @@ def _settle(
         return pose, (vx + rate * (pose.cx - old.cx - vx), vy + rate * (pose.cy - old.cy - vy)), 0
     if verdict in (_UNSURE, _WEAK):
         low = 1 if verdict == _UNSURE else state.low + 1
-        return old._replace(cx=coarse.cx, cy=coarse.cy), (0.5 * vx, 0.5 * vy), low
+        return old._replace(cx=coarse.cx, cy=coarse.cy), (tuning.COAST * vx, tuning.COAST * vy), low
     low = state.low + 1
     if low > p.patience:
         return old, (0.0, 0.0), low
-    return old.moved(vx, vy), (0.5 * vx, 0.5 * vy), low
+    return old.moved(vx, vy), (tuning.COAST * vx, tuning.COAST * vy), low
 
 
 def _learn(
@@ -353,7 +350,12 @@ def _learn(
     if histograms is not None:
         histograms = view.learned_colours(pose, histograms, p.colour_rate)
     keys, age = model.keys, model.key_age + 1
-    if best_key < _KEY_MATCH and agreement > 0.6 and kept >= p.new_key and age >= p.key_gap:
+    if (
+        best_key < tuning.KEY_MATCH
+        and agreement > tuning.NEW_KEY_AGREEMENT
+        and kept >= p.new_key
+        and age >= p.key_gap
+    ):
         keys, age = np.stack((keys[0], *keys[1:][2 - p.keys :], model.previous)), 0
     return Model(model.previous, means, keys, age, histograms, located)
 
@@ -383,8 +385,8 @@ def ride(state: PatchTrackerState, box: Box) -> PatchTrackerState:
     pose = old._replace(
         cx=box.x + box.w / 2 - 0.5,
         cy=box.y + box.h / 2 - 0.5,
-        sx=old.sx + _RIDE_RATE * (across - old.sx),
-        sy=old.sy + _RIDE_RATE * (down - old.sy),
+        sx=old.sx + tuning.RIDE_RATE * (across - old.sx),
+        sy=old.sy + tuning.RIDE_RATE * (down - old.sy),
     )
     estimate = state.estimate.replace(box=box, ok=True)
     return state._replace(pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, hint=None, estimate=estimate)
@@ -421,7 +423,7 @@ def turned(state: PatchTrackerState, angle: float) -> PatchTrackerState:
     -------
     PatchTrackerState
     """
-    return state._replace(pose=state.pose.turned(angle)) if abs(angle) >= _LEAST_TURN else state
+    return state._replace(pose=state.pose.turned(angle)) if abs(angle) >= tuning.LEAST_TURN else state
 
 
 def dismiss(before: PatchTrackerState, after: PatchTrackerState) -> PatchTrackerState:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Frame, crop, to_gray
-from . import patches
+from . import patches, tuning
 from .finder import PATCH, Scene
 from .patches import Place
 from .state import Before, Geometry, Pose
@@ -93,7 +93,7 @@ class View:
         )
         height, width = before.gray.shape[:2]
         # Most of the window, which fades, must have been seen: nothing is known of changes elsewhere.
-        half_x, half_y = 0.42 * PATCH * then.step_x, 0.42 * PATCH * then.step_y
+        half_x, half_y = tuning.KNOWN_WINDOW * PATCH * then.step_x, tuning.KNOWN_WINDOW * PATCH * then.step_y
         if not (half_x <= then.x <= width - half_x and half_y <= then.y <= height - half_y):
             return Scene(self._colour, at, None, then)
         return Scene(self._colour, at, before.gray, then)
@@ -132,7 +132,7 @@ class View:
         if inside and y - half_y >= self._top and y + half_y <= self._bottom:
             return
         # Room for the pose to move in before all has to be cut again.
-        half_x, half_y = 1.1 * half_x, 1.1 * half_y
+        half_x, half_y = tuning.SPARE * half_x, tuning.SPARE * half_y
         left, right, top, bottom = int(x - half_x), int(x + half_x) + 1, int(y - half_y), int(y + half_y) + 1
         self._left, self._top, self._right, self._bottom = left, top, right, bottom
         self._colour = crop(self._frame, left, top, right - left, bottom - top)

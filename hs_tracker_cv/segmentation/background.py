@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._native.kernels.segmentation import move_ground
+from . import tuning
 from .state import Atlas, Image, Plane
 
 __all__ = ["Background", "Registered", "move", "place"]
@@ -30,8 +31,8 @@ class Registered(NamedTuple):
     def of(cls, theta: NDArray[np.float64]) -> Registered:
         """Read it from a motion as the kernels have it; a gain of next to one is one."""
         x, _, _, y, _, _, percent, _ = theta.tolist()
-        gain = min(max(1.0 + 0.01 * percent, 0.5), 1.8)
-        return cls((x, y), 1.0 if abs(gain - 1.0) <= 0.004 else gain)
+        gain = min(max(1.0 + 0.01 * percent, tuning.LEAST_GAIN), tuning.MOST_GAIN)
+        return cls((x, y), 1.0 if abs(gain - 1.0) <= tuning.SAME_GAIN else gain)
 
 
 def place(atlas: Atlas, found: Registered, image: Image, odds: Plane) -> Background:

@@ -10,38 +10,11 @@ from numpy.typing import NDArray
 from .._native.kernels.segmentation import evidence, label, warp_and_score
 from ..geometry import Box
 from . import mask as masks
-from . import motion
+from . import motion, tuning
 from .state import Image, Plane, SegmentationParams, SegmentationState
 from .window import View, shifted, shifted_mask, translated
 
 __all__ = ["Expected", "Labels", "assign", "displace", "expect", "expect_nothing", "weigh"]
-
-_TAU_OBJECT = 0.35  # object layer: error per unit of gradient, px
-_TAU_WHOLE, _TAU_FRACTION = 0.15, 0.3  # background: camera on whole pixels or between
-_ROOM = 4  # px
-_SURELY = 3.0  # log-odds from which a pixel was the object and no ground was seen there
-_NOWHERE = 1e4  # gray levels: unlike anything
-_KAPPA_COLOUR = 1.8  # three channels tell more than one, but not three times as much
-
-
-class _Gains(NamedTuple):
-    """Local changes of brightness believed, from and to: of the background (in shadow or light) and of the object."""
-
-    ground: tuple[float, float] = (0.35, 2.5)
-    obj: tuple[float, float] = (0.6, 1.7)
-
-
-_GAINS = _Gains()
-
-
-class _Steps(NamedTuple):
-    """How far the object may grow in a frame, px; the share of the mask that must be left when its edge is cut."""
-
-    growth: int = 4
-    left: float = 0.6
-
-
-_STEPS = _Steps()
 
 
 class Expected(NamedTuple):
@@ -124,12 +97,12 @@ def expect(state: SegmentationState, view: View, moves: motion.Moves) -> tuple[E
 def _ground_of_last(state: SegmentationState, moves: motion.Moves) -> Image:
     """The last frame moved by the camera, and nothing where the object surely was: no ground was seen there."""
     moved = translated(state.previous, *moves.camera)
-    sure = state.odds > _SURELY
+    sure = state.odds > tuning.SURELY_OBJECT
     if not sure.any():
         return moved
     dx, dy = (-round(speed) for speed in moves.camera)
     hidden = shifted_mask(sure.view(np.uint8), dx, dy, state.odds.shape) if (dx, dy) != (0, 0) else sure
-    return np.where(hidden[:, :, np.newaxis] != 0, np.float32(_NOWHERE), moved)
+    return np.where(hidden[:, :, np.newaxis] != 0, np.float32(tuning.NOWHERE), moved)
 
 
 def expect_nothing(state: SegmentationState, view: View, moves: motion.Moves, odds: Plane) -> Expected:
@@ -153,8 +126,8 @@ def _whole(h: int, w: int) -> NDArray[np.int64]:
 def _reach(moves: motion.Moves, h: int, w: int) -> NDArray[np.int64]:
     """Rectangle of what may be the object, with room for gradients and for sums over 5 × 5 pixels."""
     x0, y0, x1, y1 = motion.where_to(moves.extent, moves.theta, moves.grid)
-    x0, x1 = min(max(int(x0) - _ROOM, 0), w), min(max(int(x1) + _ROOM + 1, 0), w)
-    y0, y1 = min(max(int(y0) - _ROOM, 0), h), min(max(int(y1) + _ROOM + 1, 0), h)
+    x0, x1 = min(max(int(x0) - tuning.REACH, 0), w), min(max(int(x1) + tuning.REACH + 1, 0), w)
+    y0, y1 = min(max(int(y0) - tuning.REACH, 0), h), min(max(int(y1) + tuning.REACH + 1, 0), h)
     return np.array((x0, y0, max(x0, x1), max(y0, y1)), np.int64)
 
 
@@ -164,7 +137,7 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
     h, w = expected.odds.shape
     return expected._replace(
         own=shifted_mask(expected.own, dx, dy, (h, w)),
-        odds=shifted(expected.odds, dx, dy, (h, w), -3.0),
+        odds=shifted(expected.odds, dx, dy, (h, w), tuning.NEVER),
         shape=shifted(expected.shape, dx, dy, (h, w), 0.0),
         obj=shifted(expected.obj, dx, dy, (h, w), 0.0),
         carried=shifted(expected.carried, dx, dy, (h, w), 0.0),
@@ -190,11 +163,11 @@ def _counts(moves: motion.Moves) -> NDArray[np.float32]:
 
 def _likelihood(state: SegmentationState, view: View, moves: motion.Moves) -> NDArray[np.float32]:
     """Numbers of the likelihoods, as `evidence` wants them."""
-    tau = _TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else _TAU_FRACTION
-    kappa = _KAPPA_COLOUR if view.colour else 1.0
+    tau = tuning.TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else tuning.TAU_FRACTION
+    kappa = tuning.KAPPA_COLOUR if view.colour else 1.0
     occluded = float(state.occlusion.occluded)
-    gains = (*_GAINS.ground, *_GAINS.obj)
-    return np.array((tau**2, _TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise, *gains), np.float32)
+    gains = (*tuning.GROUND_GAINS, *tuning.OBJECT_GAINS)
+    return np.array((tau**2, tuning.TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise, *gains), np.float32)
 
 
 def in_front(state: SegmentationState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask | None:
@@ -222,7 +195,7 @@ def assign(
     others, area, both, visible, *edges = label(
         view.image, expected.background, moves.atlas.counts, expected.odds, expected.own, expected.shape, seen.errors,
         seen.fresh, state.distractor, hiding, emerging, state.colours,
-        params.colour_weight, state.noise, _STEPS.growth, state.count <= 2, _STEPS.left, view.inside, bins,
+        params.colour_weight, state.noise, tuning.GROWTH, state.count <= 2, tuning.LEAST_LEFT, view.inside, bins,
         raw, odds, mask, foreign,
     )  # fmt: skip
     box = Box.from_edges(*edges) if edges[0] < edges[2] else None

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Box
+from . import tuning
 from .state import Image
 from .window import transformed
 
@@ -14,7 +15,6 @@ __all__ = ["Mask", "follow_distractor", "outer_box"]
 
 Mask = NDArray[np.uint8]
 
-_SMALLEST_DISTRACTOR = 20  # px; less has no flow of its own
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -26,7 +26,7 @@ def follow_distractor(
     It moves by the median of its flow; a pixel stays its own if that explains it, and clearly better than the
     object layer does. None if there is no such pixel.
     """
-    if distractor is None or cv2.countNonZero(distractor) < _SMALLEST_DISTRACTOR:
+    if distractor is None or cv2.countNonZero(distractor) < tuning.SMALLEST_MOVER:
         return None
     inside = distractor != 0
     u, v = (float(np.median(flow[:, :, i][inside])) for i in (0, 1))
@@ -36,7 +36,8 @@ def follow_distractor(
     moved = transformed(previous, (1.0, 0.0, u, 0.0, 1.0, v), distractor.shape[:2])
     own = np.abs(image - moved).mean(axis=2)
     other = np.abs(image - obj).mean(axis=2)
-    found = np.asarray(there & (own < 3.0 * noise + 3.0) & (own < 0.6 * other), dtype=np.uint8)
+    still = (own < tuning.MOVER_NOISE * noise + tuning.MOVER_ADDED) & (own < tuning.MOVER_BETTER * other)
+    found = np.asarray(there & still, dtype=np.uint8)
     return found if cv2.countNonZero(found) else None
 
 

@@ -10,19 +10,12 @@ from numpy.typing import NDArray
 
 from .._native.kernels.segmentation import KNOWN, bin_colours, learn, move_object
 from . import background as ground
-from . import colour, motion
+from . import colour, motion, tuning
 from .labelling import Expected, Labels
 from .state import Atlas, Image, Plane, SegmentationState
 from .window import Picture, View, shifted_mask, transformed, translated
 
 __all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
-
-# The 85th percentile of |I − B|, not the median: compression leaves most pixels alone and errs badly near edges. The
-# factor is that of the median (1.3) where both tell the same, in Gaussian noise.
-_SPREAD_TO_NOISE = 1.3 / 1.54
-_NOISE_RANGE = (1.2, 14.0)
-_COLOUR_RATE = 0.1
-_YOUNG = 12  # frames in which the shape is still learned fast
 
 
 class Seed(NamedTuple):
@@ -54,15 +47,16 @@ def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int
     y = (np.abs(np.arange(h) + 0.5 + origin[1] - box[1] - box[3] / 2) / (box[3] / 2))[:, np.newaxis]
     square = np.maximum(x, y)
     ellipse = np.sqrt(x * x + y * y)
-    odds = np.full((h, w), -3.0, np.float32)
-    odds[square <= 1.12] = -2.0
-    odds[square <= 1.0] = 0.4
-    odds[ellipse <= 0.95] = 1.0
+    odds = np.full((h, w), tuning.NEVER, np.float32)
+    odds[square <= tuning.SEED_RIM] = tuning.SEED_RIM_ODDS
+    odds[square <= 1.0] = tuning.SEED_BOX_ODDS
+    odds[ellipse <= tuning.SEED_ELLIPSE] = tuning.SEED_ODDS
     counts = np.zeros((3, h, w), np.float32)
     counts[0] = np.where(square > 1.0, KNOWN, np.float32(0.0))
     bins = np.empty((h, w), np.int16)
     bin_colours(image, bins)
-    tally = [np.bincount(bins[where], minlength=colour.BINS) for where in (ellipse <= 0.9, square > 1.0)]
+    core = ellipse <= tuning.SEED_COLOURS
+    tally = [np.bincount(bins[where], minlength=colour.BINS) for where in (core, square > 1.0)]
     colours = colour.histograms(np.array(tally, np.float32))
     return Seed(odds, (odds > 0).astype(np.float32), Atlas(image, counts), colours, bins)
 
@@ -95,21 +89,23 @@ def learn_frame(
     odds, shape = np.empty((h, w), np.float32), np.empty((h, w), np.float32)
     obj, picture, counts = np.empty_like(expected.obj), np.empty_like(atlas.image), np.empty_like(atlas.counts)
     colours = np.empty_like(state.colours)
-    rate = max(_COLOUR_RATE, 1.0 / (state.count + 2))  # the ground in a box just drawn is soon forgotten
+    rate = max(tuning.COLOUR_RATE, 1.0 / (state.count + 2))  # the ground in a box just drawn is soon forgotten
+    shape_rate = tuning.YOUNG_RATE if state.count < tuning.YOUNG else tuning.SHAPE_RATE
     known, strange, spread = learn(
         view.image, aligned, labels.mask, expected.own, labels.distractor,
         labels.odds, labels.raw, expected.odds, expected.obj, expected.shape, labels.errors, labels.bins, atlas.image,
-        atlas.counts, expected.part, view.inside, 0.3 if state.count < _YOUNG else 0.08, hidden or suspected, hidden,
+        atlas.counts, expected.part, view.inside, shape_rate, hidden or suspected, hidden,
         state.colours, 0.0 if hidden else rate, odds, obj, shape, picture, counts, colours,
     )  # fmt: skip
     if hidden:
-        odds = np.clip(8.0 * (expected.shape - np.float32(0.5)), -2.0, 1.0).astype(np.float32)
+        odds = tuning.HIDDEN_SLOPE * (expected.shape - np.float32(0.5))
+        odds = np.clip(odds, tuning.HIDDEN_LEAST, tuning.HIDDEN_MOST).astype(np.float32)
     noise = state.noise
     if spread >= 0:
-        low, high = _NOISE_RANGE
-        change = min(max(_SPREAD_TO_NOISE * spread, low), high) - noise
+        change = min(max(tuning.SPREAD_TO_NOISE * spread, tuning.LEAST_NOISE), tuning.MOST_NOISE) - noise
         # too low a first guess would make the whole background look new, so it is corrected at once
-        noise += change * (max(0.2, 1.0 / (state.count + 1)) if change > 0 else 0.2)
+        rate = tuning.NOISE_RATE
+        noise += change * (max(rate, 1.0 / (state.count + 1)) if change > 0 else rate)
     learned = Atlas(picture, counts, atlas.offset)
     return Learned(odds, shape, obj, learned, colours, noise, strange / max(known, 1))
 

@@ -13,21 +13,15 @@ from numpy.typing import NDArray
 from .._native.kernels.segmentation import FAR_OFF, POINT_ROWS, measure_motion, predict_motion, start_flow
 from .._native.kernels.segmentation import residual as registration_residual
 from . import background as ground
+from . import tuning
 from .state import Atlas, Image, Plane, SegmentationParams, SegmentationState
 from .window import View, differences, outside, translated
 
-__all__ = ["REST", "Grid", "Moves", "displace", "find", "follow", "inverse_matrix", "where_to"]
+__all__ = ["Grid", "Moves", "displace", "find", "follow", "inverse_matrix", "where_to"]
 
 _LOCAL = threading.local()
 _NO_LINEAR = (0.0, 0.0, 0.0, 0.0)
 _EVENLY, _AS_VISIBLE, _AS_CHANGED = range(3)  # what the pixels of the object weigh, for `predict_motion`
-_POINTS = 2400  # room for those that motion is measured by
-_STEPS = 3  # most of Gauss–Newton, of object and camera
-_YOUNG = 10  # frames in which what moves with the object is still being found out
-_FLOOR = 0.01  # weight of a pixel of the box that has not changed yet
-_CHANGE, _SURE_CHANGE = 3.0, 9.0  # mean square over 3 × 3 pixels, in units of noise²: least change, and what is added
-REST = 0.12  # px per frame: a camera that moves less stands still
-_CAMERA_STEPS = 3
 
 
 class Grid(NamedTuple):
@@ -73,14 +67,14 @@ def find(state: SegmentationState, view: View, params: SegmentationParams) -> Mo
     hidden = state.visible is not None
     coasting = state.occlusion.coasting > 0
     # the corners of a drawn box are ground, more often than not
-    way = _AS_VISIBLE if hidden else _AS_CHANGED if state.count < _YOUNG else _EVENLY
+    way = _AS_VISIBLE if hidden else _AS_CHANGED if state.count < tuning.MOVING_YOUNG else _EVENLY
     changed = _changed(state, view, _first_camera(state, view, params)) if way == _AS_CHANGED else None
     known = state.occlusion.occluded or coasting
     seen = _foresee(state, view, state.odds, way, (*state.velocity, *state.linear), known=known, changed=changed)
-    if not known and (state.count == 0 or seen.cost > 1.5 * state.match_cost + 1.0):
+    if not known and (state.count == 0 or seen.cost > tuning.SEARCH_FACTOR * state.match_cost + tuning.SEARCH_ADDED):
         seen = _search_too(state, view, seen)
     flow = _dense_flow(view, seen.start, state, params)
-    if coasting or (hidden and seen.visible < 0.1 * state.box[2] * state.box[3]):
+    if coasting or (hidden and seen.visible < tuning.HARDLY_VISIBLE * state.box[2] * state.box[3]):
         # hardly anything is seen: it moves as it did before
         registered, _ = _measure(state, view, flow, seen, state.odds, count=0)
         theta = _theta(state.velocity)
@@ -102,9 +96,9 @@ def _changed(state: SegmentationState, view: View, camera: tuple[float, float]) 
     last = view.image - previous * _gains(view.image, previous, beside)
     square = np.maximum((first * first).mean(axis=2), (last * last).mean(axis=2))
     square = cv2.blur(square, (3, 3))
-    noise = state.noise**2
+    noise, floor = state.noise**2, tuning.CHANGE_FLOOR
     return np.asarray(
-        255 * np.clip(_FLOOR + (square - _CHANGE * noise) / (_SURE_CHANGE * noise), _FLOOR, 1.0), np.uint8
+        255 * np.clip(floor + (square - tuning.CHANGE * noise) / (tuning.SURE_CHANGE * noise), floor, 1.0), np.uint8
     )
 
 
@@ -125,7 +119,7 @@ def _first_camera(state: SegmentationState, view: View, params: SegmentationPara
     if not beside.any():
         return state.camera
     u, v = (float(np.median(flow[:, :, i][beside])) for i in (0, 1))
-    return (0.0, 0.0) if math.hypot(u, v) < REST else (u, v)
+    return (0.0, 0.0) if math.hypot(u, v) < tuning.REST else (u, v)
 
 
 def follow(
@@ -181,13 +175,13 @@ def _foresee(
     box = (
         x - state.origin[0] + width / 2,
         y - state.origin[1] + height / 2,
-        max(6.0, max(width, height) / 2),
+        max(tuning.SMALLEST_RADIUS, max(width, height) / 2),
         max(width * height, 1.0),
     )
     near, weight = np.empty((h, w), np.uint8), np.empty_like(odds)
     shown = state.visible if changed is None else changed
     points, start = (
-        np.empty((POINT_ROWS, max(_POINTS, h * w // 16 + 64)), np.float32),
+        np.empty((POINT_ROWS, max(tuning.POINTS, h * w // 16 + 64)), np.float32),
         np.empty((h, w, 2), np.float32),
     )
     theta = np.empty(8)
@@ -203,11 +197,11 @@ def _measure(
 ) -> tuple[ground.Registered, NDArray[np.float64]]:
     """How the background moved and how the object did; only the first without any points."""
     register, theta = np.empty(8), np.empty(8)
-    atlas, young = state.atlas, state.count < _YOUNG
+    atlas, young = state.atlas, state.count < tuning.MOVING_YOUNG
     measure_motion(
         flow, view.image, view.previous, view.inside, seen.near, state.camera, state.noise, atlas.image, atlas.counts,
-        atlas.offset, _CAMERA_STEPS, odds, seen.weight, seen.grid, seen.points, count, seen.theta,
-        state.occlusion.occluded, young, _STEPS, register, theta,
+        atlas.offset, tuning.CAMERA_STEPS, odds, seen.weight, seen.grid, seen.points, count, seen.theta,
+        state.occlusion.occluded, young, tuning.OBJECT_STEPS, register, theta,
     )  # fmt: skip
     return ground.Registered.of(register), theta
 
@@ -223,15 +217,16 @@ def _moves(
 ) -> Moves:
     atlas, camera = ground.place(state.atlas, registered, view.image, state.odds)
     contrast = _contrast(theta, camera, state.contrast)
-    strange = 4.0 * state.noise + 8.0
+    strange = tuning.STRANGE_NOISE * state.noise + tuning.STRANGE
     misfit = registration_residual(view.image, seen.points, seen.listed, theta, strange, view.inside) / strange
     return Moves(seen.grid, theta, residual, flow, camera, atlas, contrast, seen.extent, min(misfit, 1.0))
 
 
 def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: float) -> float:
     vx, a, b, vy, c, d = theta[:6].tolist()
-    relative: float = math.hypot(vx - camera[0], vy - camera[1]) + 0.2 * (abs(a) + abs(b) + abs(c) + abs(d))
-    return max(min(relative / 0.4, 1.0), 0.9 * last)
+    linear = abs(a) + abs(b) + abs(c) + abs(d)
+    relative: float = math.hypot(vx - camera[0], vy - camera[1]) + tuning.LINEAR_CONTRAST * linear
+    return max(min(relative / tuning.FULL_CONTRAST, 1.0), tuning.CONTRAST_MEMORY * last)
 
 
 def _theta(velocity: tuple[float, float]) -> NDArray[np.float64]:
@@ -248,7 +243,9 @@ def _search_too(state: SegmentationState, view: View, seen: _Foreseen) -> _Fores
     dx, dy = shift[0] - state.velocity[0], shift[1] - state.velocity[1]
     distance = dx * dx + dy * dy
     penalised = _penalised(cost, distance, grid)
-    if penalised >= (0.92 * seen.cost - 0.15 if state.count == 0 else 0.85 * seen.cost - 0.5):
+    first = tuning.FIRST_GAIN * seen.cost - tuning.FIRST_LESS
+    later = tuning.LATER_GAIN * seen.cost - tuning.LATER_LESS
+    if penalised >= (first if state.count == 0 else later):
         return seen
     start = np.empty_like(seen.start)
     start_flow(seen.near, seen.grid, theta, state.camera, start)
@@ -260,14 +257,14 @@ _Cost = TypeVar("_Cost", float, Plane)
 
 def _penalised(cost: _Cost, distance: _Cost, grid: Grid) -> _Cost:
     """Cost of a translation, higher the farther (squared distance, px²) it is from the one expected."""
-    room = 8.0 * (0.5 * grid.scale + 8.0) ** 2
-    penalised: _Cost = cost * (1.0 + distance / room) + 0.005 * distance
+    room = tuning.FAR_FACTOR * (0.5 * grid.scale + tuning.FAR_ROOM) ** 2
+    penalised: _Cost = cost * (1.0 + distance / room) + tuning.FAR_PENALTY * distance
     return penalised
 
 
 def _search(state: SegmentationState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
     """Translation of the object layer with the least masked squared difference, near ones preferred."""
-    reduce = 2 if 2 * grid.scale >= 24 else 1
+    reduce = 2 if 2 * grid.scale >= tuning.HALVED else 1
     obj, mask = state.obj, weight
     if reduce == 2:
         size = (image.shape[1] // 2, image.shape[0] // 2)
@@ -302,7 +299,7 @@ def _solver(levels: int, params: SegmentationParams) -> Any:
             levels=levels,
             warps=params.warps,
             ratio=0.5,
-            iterations=5,
+            iterations=tuning.FLOW_SWEEPS,
             gain=1.0,
             exposure=False,
         )
@@ -317,8 +314,8 @@ def _dense_flow(
     The start field and few levels are what lets a small object with a large motion survive: it would vanish on
     coarse levels.
     """
-    side = max(min(state.box[2], state.box[3]), 8.0)
-    levels = min(max(1 + math.floor(math.log2(side / 10.0)), 1), 3)
+    side = max(min(state.box[2], state.box[3]), tuning.FLOW_LEAST_SIDE)
+    levels = min(max(1 + math.floor(math.log2(side / tuning.FLOW_COARSEST)), 1), tuning.FLOW_LEVELS)
     flow: NDArray[np.float32] = _solver(levels, params).calc(view.previous, view.gray, start)
     return flow
 

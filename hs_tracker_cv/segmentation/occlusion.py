@@ -7,15 +7,11 @@ from numpy.typing import NDArray
 
 from .._native.kernels.segmentation import search_shift
 from ..geometry import Box
+from . import tuning
 from .mask import Mask
 from .state import Image, Occlusion, Plane, SegmentationParams
 
 __all__ = ["amodal", "find_again", "judge", "remembered_speed", "visible_share", "with_missing"]
-
-_HISTORY = 12
-_SIZES = 8  # frames back to the size of an object that may already be going out of sight
-_SPAN = 4  # frames over which a side must have moved
-_UNCONFIRMED = 12  # frames after which a suspicion is dropped
 
 
 def visible_share(area: int, both: int, seen: int, *, hidden: bool) -> float:
@@ -28,7 +24,7 @@ def visible_share(area: int, both: int, seen: int, *, hidden: bool) -> float:
     if area == 0:
         return 0.0
     ratio = both / area
-    if ratio > 0.3 or hidden:
+    if ratio > tuning.RESHAPED or hidden:
         ratio = max(ratio, min(1.0, seen / area))
     return float(ratio)
 
@@ -65,18 +61,20 @@ def judge(
         return memory._replace(suspected=0, occluded=False, coasting=0, sides=(), duration=0)
     if box is not None:
         x, y = box.x - drift[0], box.y - drift[1]
-        memory = memory._replace(sides=(*memory.sides, (x, y, x + box.w, y + box.h))[-_SIZES:])
+        memory = memory._replace(sides=(*memory.sides, (x, y, x + box.w, y + box.h))[-tuning.SIZES :])
     if not memory.occluded:
         speed = (velocity[0] - camera[0], velocity[1] - camera[1])
-        memory = memory._replace(speeds=(*memory.speeds, speed)[-_HISTORY:])
+        memory = memory._replace(speeds=(*memory.speeds, speed)[-tuning.SPEEDS :])
     suspected = memory.suspected
     if suspected:
-        suspected = 0 if share >= 0.95 else suspected + 1
-    elif (share < 0.95 and (covered or _stalled(memory))) or share < 0.5:
+        suspected = 0 if share >= tuning.WHOLE else suspected + 1
+    elif (share < tuning.WHOLE and (covered or _stalled(memory))) or share < tuning.HALF:
         suspected = 1
     occluded = suspected > 0 and (memory.occluded or share < params.occlusion_ratio)
     duration = memory.duration + 1 if occluded else 0
-    if (suspected > _UNCONFIRMED and not occluded) or (duration > params.max_coast and share > 0.3):
+    if (suspected > tuning.UNCONFIRMED and not occluded) or (
+        duration > params.max_coast and share > tuning.MUCH_SEEN
+    ):
         suspected, occluded, duration = 0, False, 0
     return memory._replace(suspected=suspected, occluded=occluded, duration=duration)
 
@@ -86,7 +84,8 @@ def with_missing(memory: Occlusion, shape: Box) -> Occlusion:
     left, top, right, bottom = memory.sides[0] if memory.sides else (0.0, 0.0, 0.0, 0.0)
     lost_x, lost_y = max(right - left - shape.w, 0.0), max(bottom - top - shape.h, 0.0)
     vx, vy = remembered_speed(memory)
-    missing = (lost_x * (vx < -0.25), lost_y * (vy < -0.25), lost_x * (vx > 0.25), lost_y * (vy > 0.25))
+    least = tuning.LEADING
+    missing = (lost_x * (vx < -least), lost_y * (vy < -least), lost_x * (vx > least), lost_y * (vy > least))
     return memory._replace(missing=missing)
 
 
@@ -98,23 +97,24 @@ def amodal(memory: Occlusion, shape: Box) -> Box:
 
 def _stalled(memory: Occlusion) -> bool:
     """A side towards which the object should have moved has not."""
-    if len(memory.sides) <= _SPAN or len(memory.speeds) < _SPAN:
+    if len(memory.sides) <= tuning.SPAN or len(memory.speeds) < tuning.SPAN:
         return False
-    new, old = memory.sides[-1], memory.sides[-1 - _SPAN]
+    new, old = memory.sides[-1], memory.sides[-1 - tuning.SPAN]
     for axis in (0, 1):
-        expected = sum(speed[axis] for speed in memory.speeds[-_SPAN:])
+        expected = sum(speed[axis] for speed in memory.speeds[-tuning.SPAN :])
         side = axis + 2 if expected > 0 else axis
-        if abs(expected) > 2.0 and (new[side] - old[side]) * np.sign(expected) < 0.3 * abs(expected):
+        moved = (new[side] - old[side]) * np.sign(expected)
+        if abs(expected) > tuning.SPAN_LEAST and moved < tuning.SPAN_SHARE * abs(expected):
             return True
     return False
 
 
 def remembered_speed(memory: Occlusion) -> tuple[float, float]:
     """Velocity relative to the background before the occlusion began to falsify it."""
-    speeds = memory.speeds[:-3] or memory.speeds
+    speeds = memory.speeds[: -tuning.FALSIFIED] or memory.speeds
     if not speeds:
         return 0.0, 0.0
-    vx, vy = np.median(np.array(speeds[-6:]), axis=0)
+    vx, vy = np.median(np.array(speeds[-tuning.REMEMBERED :]), axis=0)
     return float(vx), float(vy)
 
 
@@ -122,11 +122,12 @@ def find_again(
     image: Image, obj: Image, shape: Plane, different: Mask, reach: int, noise: float, inside: NDArray[np.int64]
 ) -> tuple[int, int]:
     """Translation at which the remembered object fits what is not background; (0, 0) if none fits clearly better."""
-    if np.count_nonzero(different) < 0.05 * np.count_nonzero(shape > 0.5):
+    if np.count_nonzero(different) < tuning.FEWEST_DIFFERENT * np.count_nonzero(shape > 0.5):
         return 0, 0
-    step = 1 + reach // 12
+    step = 1 + reach // tuning.SEARCH_STRIDE
     arguments = (image, obj, shape, different)
     score, still, dx, dy = search_shift(*arguments, (0, 0), reach, step, inside, noise)
     if step > 1:
         score, _, dx, dy = search_shift(*arguments, (dx, dy), step - 1, 1, inside, noise)
-    return (dx, dy) if score > 1.1 * still + 0.04 and score > 0.12 else (0, 0)
+    better = score > tuning.BETTER * still + tuning.BETTER_ADDED and score > tuning.ENOUGH
+    return (dx, dy) if better else (0, 0)

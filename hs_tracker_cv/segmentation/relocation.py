@@ -12,17 +12,11 @@ from .._native.kernels.segmentation import FAR_OFF, KNOWN
 from ..frames import Frame
 from ..geometry import Box
 from . import background as ground
-from .motion import REST
+from . import tuning
 from .state import Atlas, Image, Occlusion, Plane, SegmentationParams, SegmentationState
 from .window import differences, grab, place_window, shifted, transformed
 
 __all__ = ["relocate"]
-
-_LEAST_REACH = 24.0  # lattice px, to each side
-_MOST_REACH = 160.0
-_COARSE = 24  # lattice px: a template that is larger is searched for at half the resolution
-_LEVEL, _FACTOR = 6.0, 2.0  # gray levels: the residual believed is at most `level` + `factor` × that of tracking
-_RIVAL = 1.15  # the best other place has at least so many times the residual
 
 
 class _Appearance(NamedTuple):
@@ -55,13 +49,13 @@ def relocate(
     """
     seen = _turned(state, state.turn * (gap + 1))
     shift, cost = _search(state, seen, frame, gap)
-    if cost > _LEVEL + _FACTOR * state.match_cost:
+    if cost > tuning.RESIDUAL + tuning.RESIDUAL_FACTOR * state.match_cost:
         return None
     return _moved(state, seen, frame, shift, gap, params)
 
 
 def _turned(state: SegmentationState, turn: float) -> _Appearance:
-    if abs(turn) < 0.02:
+    if abs(turn) < tuning.LEAST_TURN:
         return _Appearance(state.odds, state.shape, state.obj)
     x, y = (
         state.box[0] + state.box[2] / 2 - state.origin[0] - 0.5,
@@ -71,7 +65,7 @@ def _turned(state: SegmentationState, turn: float) -> _Appearance:
     matrix = (c, -s, x - c * x + s * y, s, c, y - s * x - c * y)
     size = state.odds.shape
     return _Appearance(
-        transformed(state.odds, matrix, size, -3.0),
+        transformed(state.odds, matrix, size, tuning.NEVER),
         transformed(state.shape, matrix, size, 0.0),
         transformed(state.obj, matrix, size),
     )
@@ -83,12 +77,13 @@ def _search(state: SegmentationState, seen: _Appearance, frame: Frame, gap: int)
     x, y, w, h = cv2.boundingRect(mask)
     if w < 2 or h < 2:
         return (0, 0), math.inf
-    reach = [min(max(_LEAST_REACH, 1.5 * abs(v) * (gap + 1) + 8.0), _MOST_REACH) for v in state.velocity]
+    ways = [tuning.REACH_SPEED * abs(v) * (gap + 1) + tuning.REACH_ADDED for v in state.velocity]
+    reach = [min(max(tuning.LEAST_REACH, way), tuning.MOST_REACH) for way in ways]
     left, top = state.origin[0] + x - int(reach[0]), state.origin[1] + y - int(reach[1])
     size = (h + 2 * int(reach[1]), w + 2 * int(reach[0]))
     image, _ = grab(frame, (left, top), size, state.step, state.light)
     template, mask = seen.obj[y : y + h, x : x + w], mask[y : y + h, x : x + w]
-    step = 2 if min(w, h) >= _COARSE else 1
+    step = 2 if min(w, h) >= tuning.COARSE else 1
     cost = differences(image[::step, ::step], template[::step, ::step], mask[::step, ::step])
     row, column = divmod(int(np.argmin(cost)), cost.shape[1])
     best = cost[row, column]
@@ -96,7 +91,7 @@ def _search(state: SegmentationState, seen: _Appearance, frame: Frame, gap: int)
     beside = cost.copy()
     down, across = max(h // step // 3, 2), max(w // step // 3, 2)
     beside[max(row - down, 0) : row + down + 1, max(column - across, 0) : column + across + 1] = np.inf
-    if beside.min() < _RIVAL * best:
+    if beside.min() < tuning.RIVAL * best:
         return (0, 0), math.inf
     row, column = step * row, step * column
     y0, x0 = max(row - step, 0), max(column - step, 0)
@@ -119,16 +114,16 @@ def _moved(
 ) -> SegmentationState:
     k = state.step
     box = (state.box[0] + shift[0], state.box[1] + shift[1], *state.box[2:])
-    margin = max(10.0, params.margin * max(box[2], box[3]))
+    margin = max(tuning.LEAST_MARGIN, params.margin * max(box[2], box[3]))
     velocity = (shift[0] / (gap + 1), shift[1] / (gap + 1))
     origin, size = place_window(box, velocity, margin, (frame.width / k, frame.height / k))
     image, gray = grab(frame, origin, size, k, state.light)
     dx, dy = origin[0] - state.origin[0], origin[1] - state.origin[1]
     odds, shape, obj = (
         shifted(plane, dx - shift[0], dy - shift[1], size, fill)
-        for plane, fill in zip(seen, (-3.0, 0.0, 0.0), strict=True)
+        for plane, fill in zip(seen, (tuning.NEVER, 0.0, 0.0), strict=True)
     )
-    if math.hypot(*state.camera) < REST:  # its background memory is kept
+    if math.hypot(*state.camera) < tuning.REST:  # its background memory is kept
         atlas = ground.move(state.atlas, dx, dy, image, odds)
     else:
         counts = np.zeros((3, *size), np.float32)

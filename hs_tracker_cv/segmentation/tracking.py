@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..frames import Frame
 from ..geometry import Box
-from . import labelling, memory, motion
+from . import labelling, memory, motion, tuning
 from . import mask as masks
 from . import occlusion as hiding
 from .labelling import Expected, Labels, Sight
@@ -19,14 +19,6 @@ from .state import Occlusion, SegmentationEstimate, SegmentationParams, Segmenta
 from .window import View, grab, lattice_step, look, place_window, window_box
 
 __all__ = ["reseed", "start", "step", "watch"]
-
-_FAR = 40  # lattice px: farthest an unseen object is looked for from where it is expected
-_UNSEEN = 0.12  # visible share below which the object counts as out of sight
-_ALIKE = 0.2  # of what is taken for the object so much must look about as it did
-_GONE, _BACK = 0.85, 0.5  # misfit from which the object is not there, and up to which it is back
-_ALIKE_ENOUGH = 0.6  # share of it that looks as it did from which the score does not suffer
-_YOUNG = 5  # frames before which the shape is too little known to conclude from what is missing of it
-_NOTHING = 0.02  # visible share below which that is believed at once
 
 
 class _Outcome(NamedTuple):
@@ -225,16 +217,19 @@ def _margin(box: tuple[float, float, float, float], count: int, coasting: int, p
     """Window round the box, lattice px: wider at first, its motion being unknown, and while the object is unseen."""
     share = params.margin * max(box[2], box[3])
     if count == 0:
-        return max(16.0, 2.0 * share)
-    return max(12.0, share + min(coasting, _FAR)) if coasting else max(10.0, share)
+        return max(tuning.FIRST_MARGIN, 2.0 * share)
+    if coasting:
+        return max(tuning.UNSEEN_MARGIN, share + min(coasting, tuning.FAR))
+    return max(tuning.LEAST_MARGIN, share)
 
 
 def _search(
     state: SegmentationState, view: View, expected: Expected, errors: NDArray[np.float32], in_front: masks.Mask | None
 ) -> tuple[int, int]:
     """Where a hidden object comes out again, relative to where it was expected."""
-    reach = int(min(8 + state.occlusion.coasting + 0.2 * state.occlusion.suspected, _FAR))
-    different = (errors[1] >= 4.0).view(np.uint8)
+    reach = tuning.NEARBY + state.occlusion.coasting + tuning.PER_SUSPECTED * state.occlusion.suspected
+    reach = int(min(reach, tuning.FAR))
+    different = (errors[1] >= tuning.DIFFERENT).view(np.uint8)
     if in_front is not None:
         different &= 1 - in_front
     return hiding.find_again(view.image, expected.obj, expected.shape, different, reach, state.noise, view.inside)
@@ -251,10 +246,10 @@ def _judge(
 ) -> _Outcome:
     """Occlusion, box and motion after labelling."""
     was_hidden = state.occlusion.coasting > 0
-    usable = moves.contrast >= 0.2 and state.count >= _YOUNG
+    usable = moves.contrast >= tuning.USABLE_CONTRAST and state.count >= tuning.SHAPE_YOUNG
     share = hiding.visible_share(sight.area, sight.both, sight.seen, hidden=was_hidden)
-    vanished = moves.misfit > (_BACK if state.occlusion.vanished else _GONE) or (
-        alike < _ALIKE * share and usable and (state.occlusion.vanished or not state.occlusion.occluded)
+    vanished = moves.misfit > (tuning.BACK if state.occlusion.vanished else tuning.GONE) or (
+        alike < tuning.ALIKE * share and usable and (state.occlusion.vanished or not state.occlusion.occluded)
     )
     if vanished:  # what is there is not the object, whatever it may be
         share = min(share, 1.0 - moves.misfit)
@@ -262,12 +257,12 @@ def _judge(
     covered = False
     if in_front is not None:
         shape = expected.shape > 0.5
-        covered = bool(np.count_nonzero(shape & (in_front != 0)) > 0.05 * np.count_nonzero(shape))
+        covered = bool(np.count_nonzero(shape & (in_front != 0)) > tuning.COVERED * np.count_nonzero(shape))
     on_lattice = None if box is None else box.moved(*state.origin)
     occlusion = hiding.judge(
         state.occlusion, on_lattice, moves.velocity, moves.camera, share, usable, covered, params
     )
-    unseen = (share < _UNSEEN and usable) or vanished or box is None
+    unseen = (share < tuning.UNSEEN and usable) or vanished or box is None
     occlusion = occlusion._replace(coasting=state.occlusion.coasting + 1 if unseen else 0, vanished=vanished)
     hidden = occlusion.occluded or unseen
     whole = masks.outer_box((expected.shape > 0.5).view(np.uint8)) if hidden else None
@@ -291,9 +286,9 @@ def _next_velocity(
         vx, vy = hiding.remembered_speed(occlusion)
         return vx + moves.camera[0], vy + moves.camera[1]
     if occlusion.coasting:
-        slow = 0.9 if occlusion.coasting > params.max_coast else 1.0
+        slow = tuning.COAST_SLOWDOWN if occlusion.coasting > params.max_coast else 1.0
         return vx * slow, vy * slow
-    rate = 0.05 if occlusion.occluded else 0.6
+    rate = tuning.HIDDEN_RATE if occlusion.occluded else tuning.MOTION_RATE
     return vx + rate * (mx - vx), vy + rate * (my - vy)
 
 
@@ -301,7 +296,7 @@ def _next_linear(state: SegmentationState, moves: motion.Moves, hidden: bool) ->
     if hidden:
         return 0.0, 0.0, 0.0, 0.0
     a, b, c, d = (
-        0.5 * (old + float(moves.theta[i]) / moves.grid.scale)
+        tuning.LINEAR_RATE * (old + float(moves.theta[i]) / moves.grid.scale)
         for old, i in zip(state.linear, (1, 2, 4, 5), strict=True)
     )
     return a, b, c, d
@@ -314,8 +309,10 @@ def _belief(share: float, unexplained: float, misfit: float) -> float:
     explained; fitted on the suites develop and vanish_develop. Offsets keep the logarithms finite. An object that
     hardly looks like itself any more is about to be lost.
     """
-    seen = 1.0 / (1.0 + math.exp(-2.5 - 3.0 * math.log(share + 0.05) + 0.7 * math.log(unexplained + 0.01)))
-    return seen * min((1.0 - misfit) / _ALIKE_ENOUGH, 1.0)
+    visible = tuning.SCORE_VISIBLE * math.log(share + tuning.VISIBLE_FLOOR)
+    strange = tuning.SCORE_UNEXPLAINED * math.log(unexplained + tuning.UNEXPLAINED_FLOOR)
+    seen = 1.0 / (1.0 + math.exp(-tuning.SCORE_OFFSET - visible + strange))
+    return seen * min((1.0 - misfit) / tuning.ALIKE_ENOUGH, 1.0)
 
 
 def _conclude(
@@ -333,7 +330,7 @@ def _conclude(
     x, y = outcome.box.x + state.origin[0], outcome.box.y + state.origin[1]
     # a single frame in which the mask fails is forgiven, one in which nothing at all is seen is not
     hidden = outcome.occlusion
-    ok = hidden.coasting == 0 or (hidden.coasting == 1 and not hidden.vanished and outcome.share > _NOTHING)
+    ok = hidden.coasting == 0 or (hidden.coasting == 1 and not hidden.vanished and outcome.share > tuning.NOTHING)
     estimate = SegmentationEstimate(
         box=Box(x * k, y * k, outcome.box.w * k, outcome.box.h * k),
         ok=ok,
@@ -348,7 +345,7 @@ def _conclude(
         flow=moves.flow,
         camera=(moves.camera[0] * k, moves.camera[1] * k),
     )
-    rate = 0.15 if state.count else 1.0
+    rate = tuning.RESIDUAL_RATE if state.count else 1.0
     concluded = state.replace(
         estimate=estimate,
         count=state.count + 1,
@@ -375,7 +372,8 @@ def _conclude(
 def _advance(state: SegmentationState, frame: Frame, params: SegmentationParams) -> SegmentationState:
     """Put the state into the window in which the object is expected next."""
     longest = min(max(state.box[2], state.box[3]), max(_extent(frame, state.step)))
-    if longest > 1.4 * params.working_size or (state.step > 1 and longest < 0.4 * params.working_size):
+    most, least = tuning.LARGEST * params.working_size, tuning.SMALLEST * params.working_size
+    if longest > most or (state.step > 1 and longest < least):
         state = memory.rescale(state, lattice_step(longest * state.step, params.working_size))
     margin = _margin(state.box, state.count, state.occlusion.coasting, params)
     origin, size = place_window(state.box, state.velocity, margin, _extent(frame, state.step))

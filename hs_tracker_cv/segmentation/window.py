@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .._native.kernels.segmentation import resample, shift, smooth
 from ..frames import Frame, crop
 from ..geometry import Box
+from . import tuning
 from .state import EVEN_LIGHT, Image, Light, Plane, SegmentationState
 
 __all__ = [
@@ -29,15 +30,10 @@ __all__ = [
     "translated",
 ]
 
-_SUDDEN = 2.0  # lattice px per frame: a change of speed that the margin has room for
 _RING = 2  # px more on each side, so that the prefilter's border lies outside the window
 _TAPS = cv2.getGaussianKernel(2 * _RING + 1, 0.7).astype(np.float32).ravel()[_RING:]
-_SIZES = 4  # windows are so many px high and wide, times a whole number: flow is planned once per size
-
 
 _BLUE, _GREEN, _RED = np.array((0.114, 0.587, 0.299), np.float32)
-
-_FAINTEST, _BRIGHTEST = 0.02, 50.0  # light that is believed
 
 
 class Picture(NamedTuple):
@@ -67,11 +63,6 @@ def look(state: SegmentationState, frame: Frame) -> View:
     return View(image, gray, state.gray, inside, frame.channels == 3, light)
 
 
-_EVERY = 3  # pixels
-_UNLIT, _SATURATED = 20.0, 250.0  # gray levels: what is darker or brighter tells nothing of the light
-_SAME_LIGHT = 0.004
-
-
 def outside(state: SegmentationState) -> NDArray[np.bool_]:
     """Pixels of the window well outside the last box."""
     x0, y0 = (int(state.box[i] - state.origin[i]) for i in (0, 1))
@@ -86,17 +77,19 @@ def _relit(image: Image, gray: Plane, state: SegmentationState) -> tuple[Image, 
     The median over the pixels round the object of how much brighter each has become: what moves there does not
     change it.
     """
-    beside = outside(state)[::_EVERY, ::_EVERY]
-    now, before = image[::_EVERY, ::_EVERY][beside], state.previous[::_EVERY, ::_EVERY][beside]
-    told = (before.min(axis=1) > _UNLIT) & (now.max(axis=1) < _SATURATED) & (now.min(axis=1) > 4.0)
-    if np.count_nonzero(told) < 60:
+    thinned = np.s_[:: tuning.LIGHT_STRIDE, :: tuning.LIGHT_STRIDE]
+    beside = outside(state)[thinned]
+    now, before = image[thinned][beside], state.previous[thinned][beside]
+    told = (before.min(axis=1) > tuning.UNLIT) & (now.max(axis=1) < tuning.SATURATED)
+    told &= now.min(axis=1) > tuning.UNLIT_NOW
+    if np.count_nonzero(told) < tuning.LIGHT_PIXELS:
         return image, gray, state.light
     ratio = np.median(now[told] / before[told], axis=0)
-    if np.abs(ratio - 1.0).max() < _SAME_LIGHT:
+    if np.abs(ratio - 1.0).max() < tuning.SAME_LIGHT:
         return image, gray, state.light
     b, g, r = ratio.tolist()
     image, gray = _divided(Picture(image, gray), (b, g, r))
-    light = np.clip(np.multiply(state.light, (b, g, r)), _FAINTEST, _BRIGHTEST)
+    light = np.clip(np.multiply(state.light, (b, g, r)), tuning.FAINTEST, tuning.BRIGHTEST)
     return image, gray, (float(light[0]), float(light[1]), float(light[2]))
 
 
@@ -169,12 +162,13 @@ def place_window(
     """
     spans = []
     for start, length, speed, limit in zip(box[:2], box[2:], velocity, extent, strict=True):
-        reach = margin + max(abs(speed) - _SUDDEN, 0.0)  # to both sides: it may turn back
-        low = max(math.floor(start - reach), -12)
-        high = min(math.ceil(start + length + reach), math.ceil(limit) + 12)
-        if high - low < 24:  # the object has left: keep looking at the nearest edge
-            low, high = (low, low + 24) if start < limit / 2 else (high - 24, high)
-        spans.append((low, -((low - high) // _SIZES) * _SIZES))
+        reach = margin + max(abs(speed) - tuning.SUDDEN, 0.0)  # to both sides: it may turn back
+        low = max(math.floor(start - reach), -tuning.BEYOND_FRAME)
+        high = min(math.ceil(start + length + reach), math.ceil(limit) + tuning.BEYOND_FRAME)
+        least = tuning.LEAST_WINDOW
+        if high - low < least:  # the object has left: keep looking at the nearest edge
+            low, high = (low, low + least) if start < limit / 2 else (high - least, high)
+        spans.append((low, -((low - high) // tuning.WINDOW_UNIT) * tuning.WINDOW_UNIT))
     (x, w), (y, h) = spans
     return (x, y), (h, w)
 
