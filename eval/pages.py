@@ -89,7 +89,7 @@ def write_page(
     """
     sequence = items[0].sequence
     drawn = {item.run.tracker: item.run for item in items if item.run.tracker in shown}
-    found = [failure for item in items for failure in failures(item)]
+    found = sorted((failure for item in items for failure in failures(item)), key=lambda failure: failure.first)
     pairs, left_out = _pairs(sequence, [one for one in found if one.tracker in drawn], drawn, colours)
     path = folder / page_name(sequence.name)
     film = path.with_suffix(".webm")

@@ -178,12 +178,14 @@ def _is_share(text: str) -> bool:
 
 def _sentence(summary: Summary) -> str:
     table = summary.overall
-    rows = table[["tracker", "mean_iou", "low", "high", "sequences"]].to_numpy().tolist()
-    _, score, low, high, count = next(row for row in rows if row[0] == summary.chosen)
+    rows = table[["tracker", "mean_iou", "low", "high", "sequences", "scenes"]].to_numpy().tolist()
+    _, score, low, high, count, scenes = next(row for row in rows if row[0] == summary.chosen)
     text = f"{summary.chosen}: mean IoU {score:.3f}"
     if np.isfinite(low):
         text += f" ({low:.3f}–{high:.3f})"
     text += f" over {count} of {len(summary.sequences)} sequences"
+    if scenes < count:
+        text += f", which show {scenes} scene{'s' if scenes > 1 else ''}"
     others = [row for row in rows if row[0] not in (summary.chosen, ORACLE)]
     if others:
         # The table has the best first.

@@ -119,6 +119,7 @@ def test_the_page_shows_the_jump(sequence: Sequence, tmp_path: Path) -> None:
     html = path.read_text(encoding="utf-8")
     assert f'<rect class="far" x="{JUMP}" width="{COUNT - JUMP}" height="1"/>' in html
     assert f'<tr data-frame="{JUMP}">' in html
+    assert f"asked : {JUMP});" in html  # what is shown first
     assert f"Jumps, far off at {JUMP}: IoU 1.00 → 0.00" in html
     (before, level_before), (at, level_at) = pictures_of(html)
     assert (before, at) == (JUMP - 1, JUMP)

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from eval import report
 from eval.__main__ import COMMANDS, main
 from eval.framesource import FrameSource
 from eval.latex import latex_table
@@ -397,6 +398,13 @@ def test_the_report_is_one_file_with_everything(
     assert "The score round a loss" in page.text
     assert not re.search(r"[*`]|:data:", scoring)
     assert not re.search(r"\bnan\b", page.text)
+
+
+def test_the_first_sentence_counts_scenes_where_sequences_share_them(summary: Summary) -> None:
+    """Of two sequences that are one scene there is no interval, and that is why."""
+    assert "over 2 of 2 sequences; the best" in report._sentence(summary)
+    shared = replace(summary, overall=summary.overall.assign(scenes=1))
+    assert "over 2 of 2 sequences, which show 1 scene; the best" in report._sentence(shared)
 
 
 def test_results_of_mixed_origin_are_said(summary: Summary, folder: Folder, tmp_path: Path) -> None:
