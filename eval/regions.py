@@ -118,8 +118,9 @@ def box_polygon(box: Iterable[float]) -> Polygon:
 
 def region_iou(truth: Region, answer: Region, size: tuple[int, int]) -> float:
     """Intersection over union of two regions inside a frame of `size` (width, height); 0 where either is empty."""
-    frame = box_polygon((0.0, 0.0, *size))
-    first, second = (one.within(size) if isinstance(one, Mask) else _clipped(one, frame) for one in (truth, answer))
+    first, second = (
+        one.within(size) if isinstance(one, Mask) else _within_frame(one, size) for one in (truth, answer)
+    )
     areas = _area(first), _area(second)
     if min(areas) <= 0:
         return 0.0
@@ -146,8 +147,8 @@ def _signed_area(polygon: Polygon) -> float:
     if len(polygon) < 3:
         return 0.0
     # From its first corner, so that what is far away loses no digits.
-    x, y = (polygon - polygon[0]).T
-    return float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2.0)
+    x, y = (polygon[1:] - polygon[0]).T
+    return float(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2.0
 
 
 def _common(first: Region, second: Region) -> float:
@@ -161,15 +162,31 @@ def _common(first: Region, second: Region) -> float:
     return _covered(second, first) if isinstance(second, Mask) else _area(_clipped(first, second))
 
 
+def _within_frame(polygon: Polygon, size: tuple[int, int]) -> Polygon:
+    if polygon.min() >= 0 and (polygon.max(axis=0) <= size).all():
+        return polygon
+    if _is_box(polygon):
+        return np.asarray(np.clip(polygon, 0.0, size))
+    return _clipped(polygon, box_polygon((0.0, 0.0, *size)))
+
+
+def _is_box(polygon: Polygon) -> bool:
+    """Whether it is what :func:`box_polygon` makes: boxes are many, and quickly dealt with."""
+    if len(polygon) != 4:
+        return False
+    (x, y), opposite = polygon[0], polygon[2]
+    return bool((polygon[1] == (opposite[0], y)).all() and (polygon[3] == (x, opposite[1])).all())
+
+
 def _covered(mask: Mask, polygon: Polygon) -> float:
     """Area of a mask inside a polygon."""
     if len(polygon) < 3 or not mask.pixels.size:
         return 0.0
-    low, high = polygon.min(axis=0), polygon.max(axis=0)
-    if abs(_signed_area(polygon)) == np.prod(high - low):  # a box: columns and rows are cut each for itself
+    if _is_box(polygon):  # columns and rows are cut each for itself
+        low, high = polygon.min(axis=0), polygon.max(axis=0)
         height, width = mask.pixels.shape
-        columns = _shares(mask.x + np.arange(width), low[0], high[0])
-        rows = _shares(mask.y + np.arange(height), low[1], high[1])
+        columns = _shares(mask.x, width, low[0], high[0])
+        rows = _shares(mask.y, height, low[1], high[1])
         return float(rows @ (mask.pixels @ columns))
     total = 0.0
     for row in np.flatnonzero(mask.pixels.any(axis=1)).tolist():
@@ -180,26 +197,32 @@ def _covered(mask: Mask, polygon: Polygon) -> float:
     return total
 
 
-def _shares(starts: NDArray[np.int64], low: float, high: float) -> NDArray[np.float64]:
-    """How much of the pixels that begin at `starts` is between two edges."""
-    return np.asarray(np.clip(np.minimum(starts + 1, high) - np.maximum(starts, low), 0.0, 1.0))
+def _shares(first: int, count: int, low: float, high: float) -> NDArray[np.float64]:
+    """How much of pixels in a row, from the first on, is between two edges."""
+    starts = np.arange(first, first + count, dtype=np.float64)
+    return np.asarray(np.maximum(np.minimum(starts + 1.0, high) - np.maximum(starts, low), 0.0))
 
 
 def _clipped(polygon: Polygon, window: Polygon) -> Polygon:
     """Part of a convex polygon inside another one (Sutherland and Hodgman)."""
     if _signed_area(window) < 0:
         window = window[::-1]
-    for start, end in zip(window, np.roll(window, -1, axis=0), strict=True):
+    for start, end in zip(window, _rolled(window), strict=True):
         if len(polygon) == 0:
             break
         dx, dy = end - start
         # How far inside of this edge each corner is.
         depth = dx * (polygon[:, 1] - start[1]) - dy * (polygon[:, 0] - start[0])
         kept: list[NDArray[np.float64]] = []
-        for here, after, a, b in zip(polygon, np.roll(polygon, -1, axis=0), depth, np.roll(depth, -1), strict=True):
+        for here, after, a, b in zip(polygon, _rolled(polygon), depth, _rolled(depth), strict=True):
             if a >= 0:
                 kept.append(here)
             if (a < 0 < b) or (b < 0 < a):
                 kept.append(here + (after - here) * (a / (a - b)))
         polygon = np.array(kept, dtype=np.float64).reshape(-1, 2)
     return polygon
+
+
+def _rolled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Each one's successor (np.roll takes ten times as long)."""
+    return np.concatenate([values[1:], values[:1]])
