@@ -10,15 +10,15 @@ No interval knows of a failure that none of its values shows.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 __all__ = [
-    "COVERAGE", "critical_difference", "holm", "mean_interval", "median_interval", "scene_sums", "share_interval",
-    "sign_flip_p",
+    "COVERAGE", "critical_difference", "holm", "jackknife_interval", "mean_interval", "median_interval", "scene_sums",
+    "share_interval", "sign_flip_p",
 ]  # fmt: skip
 
 FloatArray = NDArray[np.float64]
@@ -78,6 +78,33 @@ def mean_interval(values: FloatArray, scenes: Scenes | None = None, *, compariso
             random_state=np.random.default_rng(_SEED),
         )
     return float(found.confidence_interval.low), float(found.confidence_interval.high)
+
+
+def jackknife_interval(statistic: Callable[[NDArray[np.intp]], float], scenes: Scenes) -> tuple[float, float]:
+    """Interval of a number that is no mean of values: by what it would be without each scene, and Student's t.
+
+    Parameters
+    ----------
+    statistic : callable
+        The number, of the sequences of these indices.
+    scenes : sequence of str
+        What each sequence belongs to.
+
+    Returns
+    -------
+    (float, float)
+        NaN for fewer than two scenes, or where it is not known without one of them.
+    """
+    names, index = np.unique(np.asarray(scenes, dtype=str), return_inverse=True)
+    number = names.size
+    if number < 2:
+        return _UNKNOWN
+    whole = statistic(np.arange(len(scenes)))
+    without = np.array([statistic(np.flatnonzero(index != scene)) for scene in range(number)])
+    # What each scene says, were the number a mean: whole × n less the rest × (n − 1).
+    spread = (number - 1) * without.std(ddof=1) / np.sqrt(number)
+    half = stats.t.ppf(0.5 + COVERAGE / 2.0, number - 1) * spread
+    return float(whole - half), float(whole + half)
 
 
 def median_interval(values: FloatArray) -> tuple[float, float]:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from .intervals import mean_interval
+from .intervals import jackknife_interval, mean_interval
 from .metrics import FrameScores, summarise
 from .protocols import BURN_IN, ONE_PASS
 from .results import Run
@@ -28,6 +28,9 @@ TITLES: dict[str, str] = {
     "realtime": "Real time",
     "long-term": "Long-term, as VOT's",
 }
+
+_Answered = tuple[FloatArray, FloatArray, NDArray[np.bool_]]
+"""Of a sequence: overlap, score (NaN where nothing was answered) and whether the object is seen."""
 
 _RESOLUTION = 100  # thresholds of the score that precision and recall are taken at
 
@@ -146,12 +149,19 @@ def _restarts_table(found: Mapping[str, list[_Led]], passes: list[_Led]) -> pd.D
     for tracker, own in found.items():
         weights = np.array([len(led.sequence) for led in own], dtype=float)
         accuracy, failures = np.array([_accuracy(led) for led in own]), np.array([_failures(led) for led in own])
-        parts = [part for led in own for part in _fragments(led)]
-        window = expected_overlap(parts, max(lengths.values()))[low : high + 1]
+        parts = [_fragments(led) for led in own]
+
+        def overlap(chosen: NDArray[np.intp], parts: list[list[tuple[FloatArray, bool]]] = parts) -> float:
+            together = [part for index in chosen for part in parts[index]]
+            window = expected_overlap(together, max(lengths.values()))[low : high + 1]
+            return float(np.nanmean(window)) if np.isfinite(window).any() else math.nan
+
+        bounds = np.clip(jackknife_interval(overlap, [led.sequence.scene for led in own]), 0.0, 1.0)
         rows.append(
             {
                 "tracker": tracker,
-                "eao": float(np.nanmean(window)) if np.isfinite(window).any() else math.nan,
+                "eao": overlap(np.arange(len(own))),
+                **dict(zip(("low", "high"), bounds.tolist(), strict=True)),
                 "accuracy": _weighted_mean(accuracy, weights),
                 "failures": float(np.average(failures, weights=weights)),
                 "per_hundred": float(100.0 * failures.sum() / weights.sum()),
@@ -269,10 +279,16 @@ def _long_term_table(found: Mapping[str, list[_Led]], passes: list[_Led]) -> pd.
         parts = [_confident(led) for led in own]
         precision, recall, threshold = _best(parts, _thresholds(parts))
         plain = precision_recall(parts, -math.inf)
+
+        def together(chosen: NDArray[np.intp], parts: list[_Answered] = parts, threshold: float = threshold) -> float:
+            return _f(*precision_recall([parts[index] for index in chosen], threshold))
+
+        bounds = np.clip(jackknife_interval(together, [led.sequence.scene for led in own]), 0.0, 1.0)
         rows.append(
             {
                 "tracker": tracker,
                 "f": _f(precision, recall),
+                **dict(zip(("low", "high"), bounds.tolist(), strict=True)),
                 "precision": precision,
                 "recall": recall,
                 "threshold": threshold if np.isfinite(threshold) else math.nan,
@@ -282,7 +298,7 @@ def _long_term_table(found: Mapping[str, list[_Led]], passes: list[_Led]) -> pd.
     return _sorted(rows, "f")
 
 
-def _confident(led: _Led) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def _confident(led: _Led) -> _Answered:
     """Of the frames that count: overlap (0 without an object), score (NaN without an answer), whether it is seen."""
     scores = led.scores
     score = led.run.trajectory.score[led.first + 1 :]
@@ -291,7 +307,7 @@ def _confident(led: _Led) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     return np.nan_to_num(scores.iou)[counted], score[counted], scores.visible[counted]
 
 
-def _thresholds(parts: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]]) -> FloatArray:
+def _thresholds(parts: list[_Answered]) -> FloatArray:
     scores = np.concatenate([score[np.isfinite(score)] for _, score, _ in parts])
     if not scores.size:
         return np.array([-np.inf])
@@ -299,9 +315,7 @@ def _thresholds(parts: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]]) -
     return np.concatenate([[-np.inf], np.unique(found)])
 
 
-def precision_recall(
-    parts: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]], threshold: float
-) -> tuple[float, float]:
+def precision_recall(parts: list[_Answered], threshold: float) -> tuple[float, float]:
     """Precision and recall of answers with at least a score: means over sequences.
 
     Parameters
@@ -324,9 +338,7 @@ def precision_recall(
     return float(np.mean(precisions)), float(np.mean(recalls)) if recalls else math.nan
 
 
-def _best(
-    parts: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]], thresholds: FloatArray
-) -> tuple[float, float, float]:
+def _best(parts: list[_Answered], thresholds: FloatArray) -> tuple[float, float, float]:
     found = [(*precision_recall(parts, float(threshold)), float(threshold)) for threshold in thresholds]
     return max(found, key=lambda row: _f(row[0], row[1]))
 

@@ -241,10 +241,10 @@ def protocol_title(name: str) -> str:
 def protocol_text(table: pd.DataFrame) -> pd.DataFrame:
     """Table of a protocol as text, with headings; columns in which nothing is known are left out."""
     if "low" in table:
-        place = list(table.columns).index("mean_iou") + 1
+        leading = next(name for name in ("mean_iou", "eao", "f") if name in table)
         texts = _interval_texts(table["low"], table["high"], 3)
         table = table.drop(columns=["low", "high"])
-        table.insert(place, "interval", texts)
+        table.insert(list(table.columns).index(leading) + 1, "interval", texts)
     if "from" in table:
         window = f"EAO [{table['from'].iloc[0]}–{table['to'].iloc[0]}]"
         table = table.drop(columns=["from", "to"]).rename(columns={"eao": window})

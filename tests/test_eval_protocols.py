@@ -388,6 +388,19 @@ def test_each_protocol_has_a_table_in_the_report(sequence: Sequence, tmp_path: P
     assert text["R (failures)"].tolist() == ["0.00", "1.00"]
 
 
+def test_tables_of_restarts_and_the_long_term_have_intervals(sequence: Sequence, tmp_path: Path) -> None:
+    """Between scenes: of two that say the same a point, beside the figure that it is about; of one none."""
+    for protocol, title in (("restarts", "EAO [39–39]"), ("long-term", "F")):
+        ((run, _),) = run_all([TRACKERS["Static"]], sequence, Folder(tmp_path / protocol), protocol)
+        truths = [sequence, replace(sequence, name="again", scene="again")]
+        runs = [run, replace(run, sequence="again")]
+        text = protocol_text(protocol_tables(runs, truths)[protocol])
+        (row,) = text.to_dict("records")
+        assert list(text.columns[1:3]) == [title, "95 %"]
+        assert row["95 %"] == f"{row[title]}–{row[title]}"
+        assert "95 %" not in protocol_text(protocol_tables([run], [sequence])[protocol])
+
+
 def test_a_protocol_from_the_command_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
