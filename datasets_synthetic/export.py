@@ -1,8 +1,9 @@
 """Sequences as files that other people's tools read. Pixels survive exactly: PNG and FFV1, never a lossy codec.
 
 Every layout has a folder of its own per sequence, which also holds `manifest.json` (attributes, the spec, its digest,
-the renderer's version) and `visibility.txt`. Numbers are written so that they come back to the last bit. Images that
-other tools look for as .jpg are PNG under that name, which every reader opens by content.
+the renderer's version), `visibility.txt`, and `masks.txt` with a line per frame as VOT writes masks. Numbers are
+written so that they come back to the last bit. Images that other tools look for as .jpg are PNG under that name,
+which every reader opens by content.
 
 An earlier export is replaced, file by file: of a longer one no frame stays behind. A folder that holds something else
 is refused.
@@ -42,9 +43,8 @@ _SUBFOLDERS = ("img", "img1", "gt", "color", "flow", "image_2", "flow_occ")
 _EXPORTED = (
     *(f"{folder}[0-9]*.jpg" for folder in ("", "img/", "img1/")),
     *(f"{folder}[0-9]*.png" for folder in ("", "img/", "color/", "image_2/", "flow_occ/")),
-    "flow/[0-9]*.flo", "flow/[0-9]*_valid.png", "groundtruth*.txt", "visibility.txt", "anchor.value", "sequence",
-    "*.tag", "*.label", "meta_info.ini", "annotations.json", "video.mkv",
-    "gt/gt.txt", "seqinfo.ini",
+    "flow/[0-9]*.flo", "flow/[0-9]*_valid.png", "groundtruth*.txt", "visibility.txt", "masks.txt", "anchor.value",
+    "sequence", "*.tag", "*.label", "meta_info.ini", "annotations.json", "video.mkv", "gt/gt.txt", "seqinfo.ini",
 )  # fmt: skip
 
 
@@ -323,7 +323,20 @@ def _folder(sequence: Sequence, root: Path) -> Path:
     }
     (folder / _MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n")
     _table(folder / "visibility.txt", sequence.visibility[:, np.newaxis])
+    (folder / "masks.txt").write_text("".join(f"{_runs(mask)}\n" for mask in sequence.masks))
     return folder
+
+
+def _runs(mask: NDArray[np.bool_]) -> str:
+    """Text of a mask: m, the window that it is in, and lengths of runs row by row, the first of pixels outside."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not rows.size:
+        return ""
+    part = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    # A pixel outside before the first: a mask that begins inside has a first run of none.
+    edges = np.flatnonzero(np.diff(part.ravel().astype(np.int8), prepend=0))
+    runs = np.diff(np.concatenate([[0], edges, [part.size]])).tolist()
+    return "m" + ",".join(map(str, [columns[0], rows[0], part.shape[1], part.shape[0], *runs]))
 
 
 def _clear(folder: Path) -> None:

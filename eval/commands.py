@@ -246,6 +246,7 @@ def sweep(
     *,
     suite: SuiteName = "drawn:20:1",
     trackers: Trackers = DEFAULT_TRACKERS,
+    models: Models = None,
     chosen: str = "TrackerHS",
     jobs: Jobs = 2,
     out: Out = Path("results"),
@@ -261,7 +262,7 @@ def sweep(
         Tracker whose line stands out.
     """
     grid = Grid.parse(parameter)
-    specs = [find_tracker(name) for name in dict.fromkeys(trackers)]
+    specs = [find_tracker(name, models) for name in dict.fromkeys(trackers)]
     name = canonical_suite(suite)
     found = sweep_sequences(grid, name)
     folder = _results_of(out, f"sweep-{grid.name}-", f"suite:{name}")

@@ -27,7 +27,15 @@ from hs_tracker_cv.video import VideoError, image_files, native_name, read_image
 from .annotations import Tracks, read_coco, read_csv, read_mot
 from .framesource import FrameSource
 from .sequences import Sequence
-from .truthfiles import SequenceError, SequenceWarning, read_attributes, read_box_file, read_numbers, read_scene
+from .truthfiles import (
+    SequenceError,
+    SequenceWarning,
+    read_attributes,
+    read_box_file,
+    read_masks,
+    read_numbers,
+    read_scene,
+)
 
 __all__ = ["DATASETS", "canonical_dataset", "load_dataset"]
 
@@ -104,7 +112,7 @@ def _sequence(
     presence = np.asarray(np.isfinite(boxes).all(axis=1), dtype=np.float64)
     # What is not known stays unknown; elsewhere there is no object where there is no box.
     visibility = presence if shown is None else np.where(np.isnan(shown[:count]), np.nan, presence * shown[:count])
-    regions = regions if any(regions) else ()
+    regions = regions if any(regions) else read_masks(folder / "masks.txt", count)
     digest = _hash(source.paths, regions, boxes, visibility)
     scene = read_scene(folder) or scene
     attributes = read_attributes(folder)

@@ -44,10 +44,11 @@ class Mask:
         if not rows.size:
             return ""
         part = self.pixels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        changes = np.flatnonzero(np.diff(part.ravel().astype(np.int8))) + 1
-        runs = np.diff(np.concatenate([[0], changes, [part.size]])).tolist()
+        # A pixel outside before the first: a mask that begins inside has a first run of none.
+        edges = np.flatnonzero(np.diff(part.ravel().astype(np.int8), prepend=0))
+        runs = np.diff(np.concatenate([[0], edges, [part.size]])).tolist()
         window = self.x + int(columns[0]), self.y + int(rows[0]), part.shape[1], part.shape[0]
-        return "m" + ",".join(map(str, [*window, *([0, *runs] if part.flat[0] else runs)]))
+        return "m" + ",".join(map(str, [*window, *runs]))
 
     def within(self, size: tuple[int, int]) -> Mask:
         """Return what of it is inside a frame of `size` (width, height)."""

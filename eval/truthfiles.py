@@ -23,6 +23,7 @@ __all__ = [
     "SequenceWarning",
     "read_attributes",
     "read_box_file",
+    "read_masks",
     "read_number",
     "read_numbers",
     "read_scene",
@@ -209,6 +210,29 @@ def read_numbers(path: Path, count: int, most: float) -> NDArray[np.float64] | N
         return None
     values = np.array(words[:count], dtype=np.float64)
     return np.append(values, values[-1:]) if len(values) < count else values
+
+
+def read_masks(path: Path, count: int) -> tuple[str, ...]:
+    """Read an optional file with a mask per frame, as VOT writes them, or an empty line.
+
+    Returns
+    -------
+    tuple of str
+        As :class:`BoxFile` has them; no entries without a file, or with one that is not as expected, which is said.
+    """
+    if not path.exists():
+        return ()
+    try:
+        lines = read_text(path).splitlines()
+        if len(lines) != count:
+            raise SequenceError(f"{path}: expected {count} masks, got {len(lines)}")
+        wrong = next((line for line in lines if line[:1] not in ("", "m")), None)
+        if wrong is not None:
+            raise SequenceError(f"{path}: expected a mask, got {wrong[:80]!r}")
+        return tuple(_read_mask(line[1:], f"{path}:{n}")[1] if line else "" for n, line in enumerate(lines, start=1))
+    except SequenceError as error:
+        _ignore(error)
+        return ()
 
 
 def read_attributes(folder: Path) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from eval.datasets import canonical_dataset, load_dataset
 from eval.framesource import FrameSource, FrameSourceError
 from eval.metrics import frame_scores, summarise
 from eval.regions import Mask
+from eval.sequences import from_spec
 from eval.truthfiles import SequenceError, SequenceWarning, read_box_file, read_scenes
 
 BOXES = np.array([[10, 11, 20, 12], [12.5, 11, 20, 12], [15, 11.25, 20, 12]])
@@ -179,6 +180,9 @@ def test_meta_is_optional_and_gives_attributes(tmp_path: Path) -> None:
         ("cover.label", "8\n9\n8\n", r"cover\.label: expected numbers from 0 to 8, got 9"),
         ("absence.label", "0\n-1\n0\n", r"absence\.label: expected numbers from 0 to 1, got -1"),
         ("visibility.txt", "1\n1\n1.5\n", r"visibility\.txt: expected numbers from 0 to 1, got 1\.5"),
+        ("masks.txt", "m0,0,2,2,0,4\n" * 2, r"masks\.txt: expected 3 masks, got 2"),
+        ("masks.txt", "\nm0,0,2,2,0,5\n\n", r"masks\.txt:2: expected runs within 2 × 2 px, got 5 px"),
+        ("masks.txt", "\n1,2,3,4\n\n", r"masks\.txt: expected a mask, got '1,2,3,4'"),
         ("absence.label", "0\n" * 9, r"absence\.label: expected 3 numbers, got 9"),
         ("visibility.txt", "1\n" * 9, r"visibility\.txt: expected 3 numbers, got 9"),
     ],
@@ -334,6 +338,7 @@ def test_one_truth_through_every_export_and_reader(layout: str, rendered: list[R
         assert_array_equal(found.boxes, drawn.boxes)
         assert_array_equal(found.visibility, drawn.visibility)
         assert found.attributes == drawn.attributes
+        assert found.regions == from_spec(drawn.spec).regions
         frames = (
             [cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR) for frame in drawn.frames]
             if (kind == "video" and drawn.frames.ndim == 3)
