@@ -38,22 +38,22 @@ class Stage(NamedTuple):
 
 
 SEGMENTATION = (
-    Stage("window", "segmentation.tracking", "look"),
+    Stage("window", "segmentation.tracking", "cut_window"),
     Stage("motion", "segmentation.motion", "find"),
-    Stage("prediction", "segmentation.motion", "_foresee", 1),
+    Stage("prediction", "segmentation.motion", "_predict", 1),
     Stage("Horn–Schunck flow", "segmentation.motion", "_dense_flow", 1),
     Stage("fit and registration", "segmentation.motion", "_measure", 1),
-    Stage("layers moved, evidence", "segmentation.labelling", "expect"),
+    Stage("layers moved, evidence", "segmentation.labelling", "predict_layers"),
     Stage("labels", "segmentation.labelling", "assign"),
-    Stage("occlusion, box", "segmentation.tracking", "_judge"),
+    Stage("occlusion, box", "segmentation.tracking", "_outcome"),
     Stage("memory", "segmentation.memory", "learn_frame"),
-    Stage("report, next window", "segmentation.tracking", "_conclude"),
+    Stage("report, next window", "segmentation.tracking", "_next_state"),
 )
 
 PATCH_TRACKER = (
     Stage("find: correlation filter", "patch_tracker.tracking", "find"),
-    Stage("carry: flow between frames", "patch_tracker.tracking", "_carry"),
-    Stage("hold: keyframes", "patch_tracker.tracking", "_hold"),
+    Stage("carry: flow between frames", "patch_tracker.tracking", "_follow_flow"),
+    Stage("hold: keyframes", "patch_tracker.tracking", "_correct_by_keyframes"),
     Stage("learn", "patch_tracker.tracking", "_learn"),
 )
 

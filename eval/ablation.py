@@ -188,7 +188,7 @@ def _without_memory(counts_of: Any) -> Any:
     return unseen
 
 
-def _never_occluded(judge: Any) -> Any:
+def _never_occluded(updated: Any) -> Any:
     """Nothing is ever in front of the object; out of sight it can still be."""
 
     def judge_nothing(last: Any, *arguments: Any) -> Any:
@@ -267,7 +267,7 @@ ABLATIONS: dict[str, Ablation] = {
     "no-search": Ablation(
         "segmentation",
         "search over translations",
-        (Cut("segmentation.motion", "_search", lambda _: lambda state, *rest: state.velocity),),
+        (Cut("segmentation.motion", "_search_translation", lambda _: lambda state, *rest: state.velocity),),
     ),
     "no-camera": Ablation(
         "segmentation",
@@ -297,7 +297,9 @@ ABLATIONS: dict[str, Ablation] = {
         "mixed pixels of the edge",
         (Cut("segmentation.tuning", "LEAST_LEFT", lambda _: 1.0),),
     ),
-    "no-occlusion": Ablation("segmentation", "occlusion", (Cut("segmentation.occlusion", "judge", _never_occluded),)),
+    "no-occlusion": Ablation(
+        "segmentation", "occlusion", (Cut("segmentation.occlusion", "updated", _never_occluded),)
+    ),
     "no-keys": Ablation(
         "patch_tracker",
         "keyframes but the first",

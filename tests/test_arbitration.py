@@ -126,7 +126,7 @@ def test_doubt_alone_leaves_a_segment_to_a_carried_box_that_is_likely_right_only
 def test_belief_rises_with_all_that_speaks_for_a_segment() -> None:
     """Monotone in its own score, in the chance of the carried box that agrees, and in the agreement."""
     likely = Choice(log_unexplained=-3.0).asked(0.9, 0.9)
-    assert likely.belief(0.9) > likely.belief(0.3)
-    assert likely.belief(0.9) > likely.asked(0.1, 0.9).belief(0.9)
-    assert likely.belief(0.9) > likely.asked(0.9, 0.2).belief(0.9)
-    assert likely.belief(0.9) > replace(likely, log_unexplained=0.0).belief(0.9)
+    assert likely.segment_chance(0.9) > likely.segment_chance(0.3)
+    assert likely.segment_chance(0.9) > likely.asked(0.1, 0.9).segment_chance(0.9)
+    assert likely.segment_chance(0.9) > likely.asked(0.9, 0.2).segment_chance(0.9)
+    assert likely.segment_chance(0.9) > replace(likely, log_unexplained=0.0).segment_chance(0.9)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hs_tracker_cv._native import kernels
 from hs_tracker_cv.patch_tracker import finder
-from hs_tracker_cv.patch_tracker.finder import CELLS, Fade, Finder, Scene, Seen
+from hs_tracker_cv.patch_tracker.finder import CELLS, Fade, Finder, Peak, Scene
 from hs_tracker_cv.patch_tracker.patches import Place
 
 F32 = NDArray[np.float32]
@@ -254,7 +254,7 @@ def test_names_share_each_colour(channels: int) -> None:
 @pytest.mark.parametrize(("dx", "dy"), [(0.0, 0.0), (8.0, -12.0), (-21.0, 17.5), (30.3, 9.8)])
 def test_finds_a_displaced_square(dx: float, dy: float, coloured: bool) -> None:
     """The peak is within a quarter of a cell of the square, up to a box size from where it was."""
-    seen = finder.look(_start(coloured), _scene(_picture(dx, dy)))
+    seen = finder.find_peak(_start(coloured), _scene(_picture(dx, dy)))
     assert 4 * LATTICE.step * seen.dx == pytest.approx(dx, abs=1.0)
     assert 4 * LATTICE.step * seen.dy == pytest.approx(dy, abs=1.0)
     assert seen.height > 1.3 * seen.second
@@ -262,7 +262,7 @@ def test_finds_a_displaced_square(dx: float, dy: float, coloured: bool) -> None:
 
 def test_height_is_in_units_of_the_first_frame() -> None:
     """The frame that was learned gives 1, filter and witness alike."""
-    seen = finder.look(_start(), _scene(_picture()))
+    seen = finder.find_peak(_start(), _scene(_picture()))
     assert seen.height == pytest.approx(1.0, abs=1e-5)
     assert seen.witness == pytest.approx(1.0, abs=1e-5)
 
@@ -270,9 +270,9 @@ def test_height_is_in_units_of_the_first_frame() -> None:
 def test_turned_windows_find_a_turned_square() -> None:
     """A window that turns with the object sees it as it was."""
     turned = _picture(turn=0.4)
-    seen = finder.look(_start(), _scene(turned, angle=0.4))
+    seen = finder.find_peak(_start(), _scene(turned, angle=0.4))
     assert np.hypot(seen.dx, seen.dy) < 0.25
-    assert seen.height > 1.5 * finder.look(_start(), _scene(turned)).height
+    assert seen.height > 1.5 * finder.find_peak(_start(), _scene(turned)).height
 
 
 def test_learning_leaves_the_old_filter_and_the_witness_alone() -> None:
@@ -283,7 +283,7 @@ def test_learning_leaves_the_old_filter_and_the_witness_alone() -> None:
     new = old
     for _ in range(20):
         new = finder.learn(new, view)
-    assert finder.look(new, view).height > 1.5 * finder.look(old, view).height
+    assert finder.find_peak(new, view).height > 1.5 * finder.find_peak(old, view).height
     assert new.witness is old.witness
     np.testing.assert_array_equal(old.filter, kept)
 
@@ -301,9 +301,9 @@ def test_what_moves_is_seen_while_the_camera_stands() -> None:
     at, known = 183.5, finder.start(_scene(pair(0), x=183.5), LATTICE, True)
     for step in range(1, 6):
         scene = _scene(pair(2 * step), pair(2 * step - 2), x=at + 2 * step)
-        known = finder.notice(finder.learn(known, scene), finder.look(known, scene).change)
+        known = finder.with_unrest(finder.learn(known, scene), finder.find_peak(known, scene).change)
     # Seen from half-way between them, neither is nearer.
-    seen = finder.look(known, _scene(pair(12), pair(10), x=(115.5 + 195.5) / 2))
+    seen = finder.find_peak(known, _scene(pair(12), pair(10), x=(115.5 + 195.5) / 2))
     assert seen.dx * 4 * LATTICE.step == pytest.approx(40.0, abs=2.0)
     assert known.unrest == pytest.approx(0.0, abs=0.5)
 
@@ -311,12 +311,12 @@ def test_what_moves_is_seen_while_the_camera_stands() -> None:
 def test_unrest_is_what_surroundings_change_by() -> None:
     """A moving ground is told from one that stands."""
     known = _start()
-    still = finder.look(known, _scene(_picture(3.0), _picture())).change
-    shaken = finder.look(known, _scene(_picture(ground=8), _picture())).change
+    still = finder.find_peak(known, _scene(_picture(3.0), _picture())).change
+    shaken = finder.find_peak(known, _scene(_picture(ground=8), _picture())).change
     assert still < 0.5
     assert shaken > 5.0
-    assert finder.notice(known, shaken).unrest == shaken
-    assert finder.notice(finder.notice(known, 10.0), 0.0).unrest == pytest.approx(9.0)
+    assert finder.with_unrest(known, shaken).unrest == shaken
+    assert finder.with_unrest(finder.with_unrest(known, 10.0), 0.0).unrest == pytest.approx(9.0)
 
 
 def test_likelihood_falls_with_what_speaks_against_it() -> None:
@@ -324,7 +324,7 @@ def test_likelihood_falls_with_what_speaks_against_it() -> None:
     response = np.zeros((CELLS, CELLS), np.float32)
 
     def chance(height: float = 1.0, second: float = 0.2, witness: float = 0.9, level: float = 1.0) -> float:
-        return finder.likelihood(Seen(0, 0, height, height, second, 0, 0.1, witness, 0, response), level)
+        return finder.likelihood(Peak(0, 0, height, height, second, 0, 0.1, witness, 0, response), level)
 
     assert chance() > 0.95
     assert chance() > chance(level=0.5) > chance(level=0.1) >= chance(level=-1.0) > 0

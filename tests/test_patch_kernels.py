@@ -46,7 +46,12 @@ def arguments(name: str) -> dict[str, Any]:
         patches = {"first": noise(H, W), "second": noise(H, W), "flow": 3 * smooth(H, W, 2) - 1}
         priors = {"prior": smooth(H, W), "likelihood": smooth(9, 11), "ratio": 0.4, "outside": smooth(H, W)}
         return {**patches, **priors, "rotation": True, "separation": 0.01, "planes": np.empty((3, H, W), np.float32)}
-    before = {"kept": smooth(10, 11), "body": smooth(10, 11), "previous": noise(20, 22), "means": noise(4, 20, 22)}
+    before = {
+        "persistence": smooth(10, 11),
+        "body": smooth(10, 11),
+        "previous": noise(20, 22),
+        "means": noise(4, 20, 22),
+    }
     now = {"weights": smooth(20, 22), "planes": smooth(3, 20, 22), "flow": smooth(20, 22, 2), "patch": noise(20, 22)}
     move = {"right": 0.2, "down": -0.3, "cosine": 1.01, "sine": 0.02, "same": 16.0, "changed": 40.0, "rate": 0.2}
     rates = {"mean_rate": 0.03, "mask_rate": 0.1, "floor": 0.15}
@@ -60,7 +65,7 @@ WRITTEN = {
     "likelihood": ("likelihood",),
     "learn_colours": ("learned",),
     "fit_motion": ("planes",),
-    "keep": ("out", "learned"),
+    "update_persistence": ("out", "learned"),
 }
 ARRAYS = [(name, key) for name in WRITTEN for key, value in arguments(name).items() if isinstance(value, np.ndarray)]
 
@@ -111,8 +116,12 @@ def test_read_only_results_are_refused(name: str, key: str) -> None:
         ("learn_colours", {"old": smooth(2, 4096)}, r"old to have shape \(2, 64\)"),
         ("fit_motion", {"outside": smooth(H, H)}, r"outside to have shape \(20, 23\), got \(20, 20\)"),
         ("fit_motion", {"likelihood": smooth(1, 9)}, "likelihood to have at least 2 x 2"),
-        ("keep", {"planes": smooth(5, 20, 22)}, r"planes to have shape \(3, 20, 22\), got \(5, 20, 22\)"),
-        ("keep", {"changed": 16.0}, "changed > same, got 16.0.* and 16.0"),
+        (
+            "update_persistence",
+            {"planes": smooth(5, 20, 22)},
+            r"planes to have shape \(3, 20, 22\), got \(5, 20, 22\)",
+        ),
+        ("update_persistence", {"changed": 16.0}, "changed > same, got 16.0.* and 16.0"),
     ],
 )
 def test_sizes_and_numbers_are_checked(name: str, change: dict[str, Any], message: str) -> None:
@@ -139,7 +148,9 @@ def test_all_levels_give_the_same_bits(name: str, change: dict[str, float]) -> N
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e30])
-@pytest.mark.parametrize(("name", "key"), [("fit_motion", "flow"), ("keep", "flow"), ("likelihood", "picture")])
+@pytest.mark.parametrize(
+    ("name", "key"), [("fit_motion", "flow"), ("update_persistence", "flow"), ("likelihood", "picture")]
+)
 def test_wild_numbers_reach_no_other_memory(name: str, key: str, value: float) -> None:
     """A flow or picture without sense gives an answer, whatever it is."""
     call(name, **{key: np.full_like(arguments(name)[key], value)})

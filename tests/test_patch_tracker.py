@@ -16,8 +16,8 @@ from hs_tracker_cv.frames import Frame, as_frame
 from hs_tracker_cv.geometry import Box, iou
 from hs_tracker_cv.patch_tracker import PatchTrackerParams, PatchTrackerState, patches
 from hs_tracker_cv.patch_tracker.patches import Place
+from hs_tracker_cv.patch_tracker.sampler import Sampler
 from hs_tracker_cv.patch_tracker.search import _elsewhere
-from hs_tracker_cv.patch_tracker.view import View
 
 PARAMS = PatchTrackerParams()
 Path = Callable[[int], Box | None]
@@ -115,7 +115,7 @@ def _arrays(state: PatchTrackerState) -> list[NDArray[np.float32]]:
     model = state.model
     filter_ = model.located
     found = [
-        state.kept,
+        state.persistence,
         model.previous,
         model.means,
         model.keys,
@@ -229,7 +229,7 @@ def test_report_explains_itself() -> None:
     assert window.x + window.w / 2 == pytest.approx(report.box.x + report.box.w / 2, abs=2.0)
     assert 0.5 < report.score <= 1.0
     assert report.verdict == "good"
-    assert report.kept > 0.9
+    assert report.persistence > 0.9
 
 
 def test_what_a_wall_hides_is_not_kept() -> None:
@@ -240,7 +240,7 @@ def test_what_a_wall_hides_is_not_kept() -> None:
         pixels = _frame(_moving(t)).pixels.copy()
         pixels[:, 110:170] = wall
         states.append(patch_tracker.step(states[-1], as_frame(pixels), PARAMS))
-    kept = [state.estimate.kept for state in states]
+    kept = [state.estimate.persistence for state in states]
     assert min(kept[:5]) > 0.9
     assert min(kept[10:]) < 0.6
     assert states[-1].estimate.lost
@@ -270,7 +270,7 @@ def test_search_after_a_loss_covers_the_frame() -> None:
     """In one round of places every pixel of the frame is less than a box from one, also at the borders."""
     states = _track(lambda t: _moving(0) if t < 5 else None, 12)
     state = states[-1]
-    view = View(_frame(None), state.geometry, state.pose, state.model.templates, None)
+    view = Sampler(_frame(None), state.geometry, state.pose, state.model.templates, None)
     assert state.estimate.lost
     places = [at for turn in range(1, 8) for at in _elsewhere(state.pose, state.geometry, view, turn)]
     y, x = np.mgrid[:180:4, :240:4]
@@ -419,7 +419,7 @@ def _keep(change: float, rate: float, mean: float, belongs: float = 1.0) -> NDAr
     means[0] = patch + mean
     kept, body = np.full((20, 24), 0.8, np.float32), np.ones((20, 24), np.float32)
     out, new = np.empty((20, 24), np.float32), np.empty_like(means)
-    kernels.keep(
+    kernels.update_persistence(
         kept, body, previous, means, patch, planes, flow, patch, 0.0, 0.0, 1.0, 0.0, 16.0, 40.0, rate, 0.0, 0.0, 0.15,
         out, new,
     )  # fmt: skip
@@ -452,7 +452,7 @@ def test_running_means() -> None:
     planes[0], planes[1] = 0.2, 1.0  # half of the mask's rate
     patch, weights, half = np.zeros((4, 6), np.float32), np.full((4, 6), 0.5, np.float32), np.ones((2, 3), np.float32)
     flow = np.zeros((4, 6, 2), np.float32)
-    kernels.keep(
+    kernels.update_persistence(
         half, half, patch, old, weights, planes, flow, patch, 0.0, 0.0, 1.0, 0.0, 16.0, 40.0, 0.0, 0.1, 0.4, 0.15,
         half.copy(), new,
     )  # fmt: skip

@@ -1,11 +1,11 @@
 // The level whose kernels are in use.
 #pragma once
 
-#include "finder.hpp"
 #include "grids.hpp"
-#include "motion_fit.hpp"
-#include "patches.hpp"
-#include "persistence.hpp"
+#include "patch_tracker/finder.hpp"
+#include "patch_tracker/motion_fit.hpp"
+#include "patch_tracker/patches.hpp"
+#include "patch_tracker/persistence.hpp"
 #include "segmentation/kernels.hpp"
 #include "sweeps.hpp"
 #include "warping.hpp"

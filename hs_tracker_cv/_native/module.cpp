@@ -1,10 +1,10 @@
 // What Python sees: arguments are checked here, Python's lock is let go of, and kernels run.
 #include "cpu.hpp"
-#include "finder_bindings.hpp"
 #include "flow.hpp"
 #include "levels.hpp"
 #include "multigrid.hpp"
-#include "patch_bindings.hpp"
+#include "patch_tracker/finder_bindings.hpp"
+#include "patch_tracker/patch_bindings.hpp"
 #include "segmentation/bindings.hpp"
 #include "views.hpp"
 

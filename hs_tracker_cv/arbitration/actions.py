@@ -97,7 +97,7 @@ def run_segmentation(turn: Turn) -> Turn:
     """Run segmentation; what it finds again after a loss must not be known to be something else."""
     assert turn.segmentation is not None, "segmentation leads"
     segmented = _segmented(turn, turn.segmentation)
-    if segmented.estimate.ok and not _believable(turn, segmented.estimate.box):
+    if segmented.estimate.ok and not _is_consistent(turn, segmented.estimate.box):
         segmented = segmented.replace(estimate=segmented.estimate.replace(ok=False, score=0.0))
     if not segmented.estimate.ok:
         event = Event.UNSEEN
@@ -133,7 +133,7 @@ def search(turn: Turn) -> Turn:
     """
     segmented, carried = _both(turn)
     found = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options, near=turn.near)
-    if found.estimate.ok and not _believable(turn, found.estimate.box):
+    if found.estimate.ok and not _is_consistent(turn, found.estimate.box):
         found = turn.rooms.patch_tracker.dismiss(carried, found)
     elif found.estimate.ok and carried.estimate.lost:
         segmented = turn.rooms.segmentation.reseed(segmented, turn.frame, found.estimate.box, rooms.SEGMENTATION)
@@ -167,7 +167,7 @@ def weigh(turn: Turn) -> Turn:
     if segmented and carried and choice.trusted:
         other = carried.estimate
         if estimate.ok:
-            score = choice.belief(score)
+            score = choice.segment_chance(score)
             if other.ok and choice.outweighed(score):
                 choice, estimate, score = choice.carried_away, other, other.score
         elif other.ok and other.score > tuning.SURELY:
@@ -291,7 +291,7 @@ def _sought(turn: Turn) -> Track:
     )
 
 
-def _believable(turn: Turn, box: Box) -> bool:
+def _is_consistent(turn: Turn, box: Box) -> bool:
     """Tell whether a mode that has lost the object may have found it again in this box."""
     scene, seen = turn.track.scene, turn.redetected
     if scene is None:

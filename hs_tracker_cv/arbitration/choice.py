@@ -72,9 +72,9 @@ class Choice:
         """The carried box is rather right than not, and elsewhere."""
         return self.agreement < tuning.APART and self.chance > tuning.RATHER
 
-    def outweighed(self, belief: float) -> bool:
+    def outweighed(self, chance: float) -> bool:
         """A segment hardly to be believed stands against a carried box that is rather right than not."""
-        return self.trusted and belief < tuning.LEAST and self.chance > tuning.RATHER
+        return self.trusted and chance < tuning.LEAST and self.chance > tuning.RATHER
 
     @property
     def carried_away(self) -> Choice:
@@ -85,14 +85,14 @@ class Choice:
         """Take in what the carried box says where it is on its own."""
         return replace(self, chance=chance, agreement=agreement)
 
-    def belief(self, score: float) -> float:
+    def segment_chance(self, score: float) -> float:
         """Chance that a segment is right, 0–1, by its own `score` and what the carried box said of it.
 
         Logistic; fitted on ``drawn:160:101`` and on 22 real sequences (choose.txt), three starts each.
         """
-        evidence = tuning.BELIEF_CHANCE * _log_odds(self.chance) + tuning.BELIEF_SCORE * _log_odds(score)
-        evidence = evidence + tuning.BELIEF_AGREEMENT * self.agreement + tuning.BELIEF_DOUBT * self.doubt
-        return 1.0 / (1.0 + math.exp(-tuning.BELIEF - evidence))
+        evidence = tuning.SEGMENT_CHANCE * _log_odds(self.chance) + tuning.SEGMENT_SCORE * _log_odds(score)
+        evidence = evidence + tuning.SEGMENT_AGREEMENT * self.agreement + tuning.SEGMENT_DOUBT * self.doubt
+        return 1.0 / (1.0 + math.exp(-tuning.SEGMENT_OFFSET - evidence))
 
 
 def updated(choice: Choice, unexplained: float, difference: float | None) -> Choice:

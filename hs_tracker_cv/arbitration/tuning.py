@@ -69,7 +69,7 @@ APART, RATHER = 0.5, 0.6
 LIKELY = 0.7
 """Chance from which the carried box takes over from a segment that is doubted."""
 
-BELIEF, BELIEF_CHANCE, BELIEF_SCORE, BELIEF_AGREEMENT, BELIEF_DOUBT = -6.8, 0.84, 0.6, 8.2, -0.8
+SEGMENT_OFFSET, SEGMENT_CHANCE, SEGMENT_SCORE, SEGMENT_AGREEMENT, SEGMENT_DOUBT = -6.8, 0.84, 0.6, 8.2, -0.8
 """Logistic fit of the chance that a segment is right: constant, weights of the log-odds of the carried box's chance
 and of the segment's own score, of the agreement, and of the doubt."""
 

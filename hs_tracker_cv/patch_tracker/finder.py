@@ -32,15 +32,15 @@ __all__ = [
     "Fade",
     "Finder",
     "Lattice",
+    "Peak",
     "Scene",
-    "Seen",
     "colour_names",
+    "find_peak",
     "lattice_of",
     "learn",
     "likelihood",
-    "look",
-    "notice",
     "start",
+    "with_unrest",
 ]
 
 F32 = NDArray[np.float32]
@@ -144,7 +144,7 @@ class Fade(NamedTuple):
 NO_FADE = Fade(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class Seen(NamedTuple):
+class Peak(NamedTuple):
     """Answer of the filter to one window. Heights are in units of the response to the first frame.
 
     Parameters
@@ -237,31 +237,31 @@ def start(scene: Scene, lattice: Lattice, coloured: bool) -> Finder:
     """Learn from the first frame; `coloured` lets the filter see colours."""
     witness = np.empty((CELLS, CELLS // 2 + 1, 2, _COLOUR_CHANNELS if coloured else _GRAY_CHANNELS), np.float32)
     finder = Finder(lattice, witness, witness, 1.0, None)
-    spectrum, _ = _glance(finder, scene)
+    spectrum, _ = _spectrum(finder, scene)
     _adapt(spectrum, lattice, None, witness)
     return finder._replace(unit=_respond(finder, spectrum, 0.0, NO_FADE).height)
 
 
-def look(finder: Finder, scene: Scene, fade: Fade = NO_FADE) -> Seen:
+def find_peak(finder: Finder, scene: Scene, fade: Fade = NO_FADE) -> Peak:
     """Say where in a window the object is."""
-    return _respond(finder, *_glance(finder, scene), fade)
+    return _respond(finder, *_spectrum(finder, scene), fade)
 
 
 def learn(finder: Finder, scene: Scene) -> Finder:
     """Learn one more window with the object in its middle."""
-    spectrum, _ = _glance(finder, scene)
+    spectrum, _ = _spectrum(finder, scene)
     filter_ = np.empty_like(spectrum)
     _adapt(spectrum, finder.lattice, finder.filter, filter_)
     return finder._replace(filter=filter_)
 
 
-def notice(finder: Finder, change: float) -> Finder:
+def with_unrest(finder: Finder, change: float) -> Finder:
     """Take in by how many gray levels the surroundings have changed since the frame before."""
     old = finder.unrest
     return finder._replace(unrest=change if old is None else old + tuning.UNREST_RATE * (change - old))
 
 
-def _glance(finder: Finder, scene: Scene) -> tuple[F32, float]:
+def _spectrum(finder: Finder, scene: Scene) -> tuple[F32, float]:
     """Spectrum (CELLS, CELLS // 2 + 1, 2, channels) of a window's channels, and how much its surroundings changed."""
     lattice, channels, change = finder.lattice, finder.filter.shape[3], 0.0
     features, grays = np.empty((CELLS, CELLS, channels), np.float32), np.empty((CELLS, CELLS), np.float32)
@@ -289,13 +289,13 @@ def _glance(finder: Finder, scene: Scene) -> tuple[F32, float]:
     return spectrum, change
 
 
-def _respond(finder: Finder, spectrum: F32, change: float, fade: Fade) -> Seen:
+def _respond(finder: Finder, spectrum: F32, change: float, fade: Fade) -> Peak:
     response, unit = np.empty((CELLS, CELLS), np.float32), finder.unit
     scaled = fade._replace(weight=fade.weight * unit)
     dx, dy, *heights = kernels.respond(finder.filter, finder.witness, spectrum, *scaled, response)
     height, value, second, mean, deviation, witness = (height / unit for height in heights)
     response *= np.float32(1.0 / unit)
-    return Seen(dx, dy, height, value, second, mean, deviation, witness, change, response)
+    return Peak(dx, dy, height, value, second, mean, deviation, witness, change, response)
 
 
 def _adapt(spectrum: F32, lattice: Lattice, old: F32 | None, filter_: F32) -> None:
@@ -305,12 +305,12 @@ def _adapt(spectrum: F32, lattice: Lattice, old: F32 | None, filter_: F32) -> No
     )  # fmt: skip
 
 
-def likelihood(seen: Seen, level: float) -> float:
+def likelihood(seen: Peak, level: float) -> float:
     """Chance that a box at the peak overlaps the object by more than half: logistic fit to frames of real video.
 
     Parameters
     ----------
-    seen : Seen
+    seen : Peak
     level : float
         Height of the peak, relative to its running mean.
     """

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from .._native import kernels
 from . import tuning
+from .sampler import Patch
 from .state import Geometry, PatchTrackerParams, PatchTrackerState, Pose
-from .view import Patch
 
 __all__ = [
     "Carried",
@@ -23,7 +23,7 @@ __all__ = [
     "body_weights",
     "carried_along",
     "coherence_with",
-    "kept_share",
+    "persistent_share",
     "refreshed",
 ]
 
@@ -62,7 +62,7 @@ class Carried(NamedTuple):
 
 def body_weights(state: PatchTrackerState) -> F32:
     """Weights of what is kept, on the lattice of the fine patch."""
-    return np.asarray(np.float32(tuning.KEPT_FLOOR) + state.kept.repeat(2, 0).repeat(2, 1), np.float32)
+    return np.asarray(np.float32(tuning.KEPT_FLOOR) + state.persistence.repeat(2, 0).repeat(2, 1), np.float32)
 
 
 def correlation(a: F32, b: F32, weights: F32) -> float:
@@ -85,7 +85,7 @@ def refreshed(
 ) -> tuple[F32, F32]:
     """What is kept at a pose that is believed, more where it looks as it was learned, and the means learned there."""
     mask_rate = p.mask_rate if followed.apart else 0.0
-    return _kept(state, followed, coarse, pose, patch, p, (p.keep_rate, p.patch_rate, mask_rate))
+    return _updated(state, followed, coarse, pose, patch, p, (p.keep_rate, p.patch_rate, mask_rate))
 
 
 def carried_along(
@@ -102,10 +102,10 @@ def carried_along(
     patch : ndarray, shape (h, w), float32
         Patch there.
     """
-    return _kept(state, followed, coarse, pose, patch, p, (0.0, 0.0, 0.0))[0]
+    return _updated(state, followed, coarse, pose, patch, p, (0.0, 0.0, 0.0))[0]
 
 
-def _kept(
+def _updated(
     state: PatchTrackerState,
     followed: Followed,
     coarse: Pose,
@@ -118,15 +118,15 @@ def _kept(
     unit, zoom, turn = 2.0 * g.fine_step * coarse.sx, pose.sx / coarse.sx, pose.angle - coarse.angle
     right, down = coarse.offset(pose)
     rate, mean_rate, mask_rate = rates
-    kept, means = np.empty_like(state.kept), np.empty_like(model.means)
-    kernels.keep(
-        state.kept, g.body, model.previous, model.means, g.weights, followed.planes, followed.flow, patch,
+    persistence, means = np.empty_like(state.persistence), np.empty_like(model.means)
+    kernels.update_persistence(
+        state.persistence, g.body, model.previous, model.means, g.weights, followed.planes, followed.flow, patch,
         right / unit, down / unit, zoom * math.cos(turn), zoom * math.sin(turn), p.same, p.changed, rate, mean_rate,
-        mask_rate, tuning.MASK_FLOOR, kept, means,
+        mask_rate, tuning.MASK_FLOOR, persistence, means,
     )  # fmt: skip
-    return kept, means
+    return persistence, means
 
 
-def kept_share(kept: F32, g: Geometry) -> float:
+def persistent_share(persistence: F32, g: Geometry) -> float:
     """Share of the box that is kept, 0–1, the middle of the box above all."""
-    return float(np.vdot(kept, g.body_weights))
+    return float(np.vdot(persistence, g.body_weights))

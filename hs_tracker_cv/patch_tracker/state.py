@@ -238,7 +238,7 @@ class PatchTrackerEstimate(Estimate):
         Correlation with the mean patch, −1 to 1.
     keys : tuple of float
         Correlation with each keyframe; the first is the first frame.
-    kept : float
+    persistence : float
         Share of the box that shows what it showed when it was last believed, 0–1.
     verdict : str
         "good": followed and learned. "unsure": it looks different, but what was in the box goes on there; followed,
@@ -255,7 +255,7 @@ class PatchTrackerEstimate(Estimate):
     response: Annotated[F32, Shape(40, 40)]
     agreement: float
     keys: tuple[float, ...]
-    kept: float
+    persistence: float
     verdict: str
 
     @property
@@ -307,7 +307,7 @@ class PatchTrackerState(NamedTuple):
     peak: float
     good_frames: Count
     low: Count
-    kept: _Half
+    persistence: _Half
     hint: Pose | None
     before: Before
     estimate: PatchTrackerEstimate

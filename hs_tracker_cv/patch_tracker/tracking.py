@@ -21,10 +21,11 @@ from .persistence import (
     body_weights,
     carried_along,
     coherence_with,
-    kept_share,
+    persistent_share,
     refreshed,
 )
-from .search import Found, find, look
+from .sampler import Sampler
+from .search import Found, find, peak_at
 from .state import (
     Geometry,
     Model,
@@ -36,7 +37,6 @@ from .state import (
     geometry_of,
     jump_from,
 )
-from .view import View
 
 __all__ = ["dismiss", "ride", "seek", "start", "step", "turned"]
 
@@ -76,16 +76,16 @@ def start(frame: Frame, box: Box, params: PatchTrackerParams) -> PatchTrackerSta
     """
     g = geometry_of(box, params)
     pose = Pose(box.x + box.w / 2 - 0.5, box.y + box.h / 2 - 0.5, 1.0, 1.0)
-    view = View(frame, g, pose, g.weights[np.newaxis], None)
-    model = _first_model(view, g, pose)
+    sampler = Sampler(frame, g, pose, g.weights[np.newaxis], None)
+    model = _first_model(sampler, g, pose)
     patch = model.previous
     window, across = _window(g, pose)
     estimate = PatchTrackerEstimate(
         box=box, ok=True, score=1.0, window=window, step=across, previous=patch, current=patch,
         flow=np.zeros((*patch.shape, 2), np.float32), angle=0.0, peak=1.0, response=np.zeros_like(g.lattice.fade),
-        agreement=1.0, keys=(1.0,), kept=1.0, verdict=_GOOD,
+        agreement=1.0, keys=(1.0,), persistence=1.0, verdict=_GOOD,
     )  # fmt: skip
-    return PatchTrackerState(g, pose, (0.0, 0.0), model, 1.0, 1, 0, g.body, None, view.part, estimate)
+    return PatchTrackerState(g, pose, (0.0, 0.0), model, 1.0, 1, 0, g.body, None, sampler.part, estimate)
 
 
 def _window(g: Geometry, pose: Pose) -> tuple[Box, float]:
@@ -96,15 +96,15 @@ def _window(g: Geometry, pose: Pose) -> tuple[Box, float]:
     return Box(pose.cx + 0.5 - 0.5 * columns * across, pose.cy + 0.5 - 0.5 * rows * down, width, height), across
 
 
-def _first_model(view: View, g: Geometry, pose: Pose) -> Model:
-    fine, colours, histograms = view.fine(pose).gray, view.colours(pose), None
+def _first_model(sampler: Sampler, g: Geometry, pose: Pose) -> Model:
+    fine, colours, histograms = sampler.fine(pose).gray, sampler.colours(pose), None
     still, moving = np.zeros((*fine.shape, 2), np.float32), np.ones_like(fine)
     means = np.stack((fine, still[:, :, 0], moving, np.float32(1.0 + tuning.MASK_FLOOR) * g.weights))
     is_gray = len(colours) == 1
     if is_gray or float(np.abs(colours[0] - colours[2]).mean()) > tuning.COLOUR_THRESHOLD:
         nothing = np.zeros((2, GRAYS if is_gray else COLOURS), np.float32)
-        histograms = view.learned_colours(pose, nothing, 1.0)
-    located = finders.start(view.scene(pose), g.lattice, histograms is not None and not is_gray)
+        histograms = sampler.learned_colours(pose, nothing, 1.0)
+    located = finders.start(sampler.scene(pose), g.lattice, histograms is not None and not is_gray)
     return Model(fine, means, fine[np.newaxis], 0, histograms, located)
 
 
@@ -130,47 +130,50 @@ def step(
     if near is not None:
         state = state._replace(hint=state.pose._replace(cx=near[0] - 0.5, cy=near[1] - 0.5))
     g, expected = state.geometry, state.pose.moved(*state.velocity)
-    view = View(frame, g, expected, state.model.templates, state.before)
-    found = find(state, view, expected, params)
-    carried = _carry(state, view, found, params)
-    pose, keys = _hold(state, view, frame, carried, found.seen.height, params)
+    sampler = Sampler(frame, g, expected, state.model.templates, state.before)
+    found = find(state, sampler, expected, params)
+    carried = _follow_flow(state, sampler, found, params)
+    pose, keys = _correct_by_keyframes(state, sampler, frame, carried, found.seen.height, params)
     pose = pose._replace(cx=found.pose.cx, cy=found.pose.cy)
-    verdict = _judge(state, frame, pose, expected, found.chance, max(keys), params)
-    kept, means, coarse, leap = state.kept, state.model.means, found.pose, jump_from(g, pose, expected) > params.far
+    verdict = _verdict(state, frame, pose, expected, found.chance, max(keys), params)
+    persistence, means, coarse = state.persistence, state.model.means, found.pose
+    leap = jump_from(g, pose, expected) > params.far
     tracking = state.low <= params.patience
     if tracking and (leap or verdict != _GOOD):
-        stayed, coherence, kept = _continue(state, view, expected, params)
-        if kept_share(kept, g) > params.unsure:
+        stayed, coherence, persistence = _follow_content(state, sampler, expected, params)
+        if persistent_share(persistence, g) > params.unsure:
             # What goes on in the box has not leapt out of it.
-            if leap and coherence > coherence_with(state, view.fine(pose).gray) + tuning.CLEARLY:
+            if leap and coherence > coherence_with(state, sampler.fine(pose).gray) + tuning.CLEARLY:
                 verdict, coarse = _UNSURE, stayed
             elif verdict == _WEAK and found.chance > params.hopeless:
                 verdict = _UNSURE
     if verdict == _GOOD:
-        seen = view.fine(pose).gray
-        kept, means = refreshed(state, carried.followed, found.pose, pose, seen, params)
+        seen = sampler.fine(pose).gray
+        persistence, means = refreshed(state, carried.followed, found.pose, pose, seen, params)
         if leap or not tracking:
-            kept = g.body
-    pose, velocity, low = _settle(state, pose, coarse, verdict, params)
-    lost, share = low > params.patience, kept_share(kept, g)
-    model = state.model if lost and verdict == _BAD else state.model._replace(previous=view.fine(pose).gray)
+            persistence = g.body
+    pose, velocity, low = _next_pose(state, pose, coarse, verdict, params)
+    lost, share = low > params.patience, persistent_share(persistence, g)
+    model = state.model if lost and verdict == _BAD else state.model._replace(previous=sampler.fine(pose).gray)
     hint = found.pose if lost and verdict == _BAD else None
     peak, good_frames = state.peak, state.good_frames
     if verdict == _GOOD:
-        model = _learn(model, means, view, g, pose, carried.patch.agreement, max(keys), share, params)
+        model = _learn(model, means, sampler, g, pose, carried.patch.agreement, max(keys), share, params)
         good_frames += 1
         peak += max(tuning.PEAK_RATE, 1.0 / good_frames) * (found.seen.height - peak)
-    model = model._replace(located=finders.notice(model.located, found.seen.change))
+    model = model._replace(located=finders.with_unrest(model.located, found.seen.change))
     # Without `rotation` the turn is only how the object is found: the box stays that of the first frame.
     box = box_at(g, pose if params.rotation else pose._replace(angle=0.0))
     window, across = _window(g, found.pose)
     estimate = PatchTrackerEstimate(
         box=box, ok=not lost, score=found.chance, window=window, step=across, previous=state.model.previous,
         current=carried.start.gray, flow=carried.followed.flow, angle=pose.angle, peak=found.seen.height,
-        response=found.seen.response, agreement=carried.patch.agreement, keys=tuple(keys), kept=share,
+        response=found.seen.response, agreement=carried.patch.agreement, keys=tuple(keys), persistence=share,
         verdict=verdict,
     )  # fmt: skip
-    return PatchTrackerState(g, pose, velocity, model, peak, good_frames, low, kept, hint, view.part, estimate)
+    return PatchTrackerState(
+        g, pose, velocity, model, peak, good_frames, low, persistence, hint, sampler.part, estimate
+    )
 
 
 def _followed(
@@ -204,14 +207,14 @@ def _applied(pose: Pose, followed: Followed, g: Geometry, limit: float) -> Pose:
     )
 
 
-def _carry(state: PatchTrackerState, view: View, found: Found, p: PatchTrackerParams) -> Carried:
+def _follow_flow(state: PatchTrackerState, sampler: Sampler, found: Found, p: PatchTrackerParams) -> Carried:
     g, model, coarse = state.geometry, state.model, found.pose
-    start = view.fine(coarse)
-    likelihood = None if model.histograms is None else view.likelihood(coarse, model.histograms)
+    start = sampler.fine(coarse)
+    likelihood = None if model.histograms is None else sampler.likelihood(coarse, model.histograms)
     flow = _flow(model.previous, start.gray, p, p.levels)
     followed = _followed(model.previous, start.gray, flow, model.means[3], g, p, p.separation, likelihood)
     fine = _applied(coarse, followed, g, p.max_scale_step)
-    patch = view.fine(fine)
+    patch = sampler.fine(fine)
     if patch.agreement < start.agreement - tuning.WORSE:
         return Carried(coarse, start, followed, start)
     trust = min(max((patch.agreement - tuning.TRUST_FROM) / tuning.TRUST_SPAN, 0.0), 1.0)
@@ -219,42 +222,44 @@ def _carry(state: PatchTrackerState, view: View, found: Found, p: PatchTrackerPa
     return Carried(Pose(cx, cy, *fine[2:]), patch, followed, start)
 
 
-def _continue(state: PatchTrackerState, view: View, expected: Pose, p: PatchTrackerParams) -> tuple[Pose, float, F32]:
+def _follow_content(
+    state: PatchTrackerState, sampler: Sampler, expected: Pose, p: PatchTrackerParams
+) -> tuple[Pose, float, F32]:
     """Where the content of the box went, how well that can be followed, and how much of it is kept there.
 
     Neither filter nor keyframes are asked: what they were taught is not what is seen.
     """
     g, model = state.geometry, state.model
-    current = view.fine(expected).gray
+    current = sampler.fine(expected).gray
     prior = g.weights * (np.float32(tuning.MASK_FLOOR) + model.means[2]) * body_weights(state)
     flow = _flow(model.previous, current, p, p.levels)
     followed = _followed(model.previous, current, flow, prior, g, p, p.separation)
     pose = _applied(expected, followed, g, 0.0)
-    patch = view.fine(pose).gray
+    patch = sampler.fine(pose).gray
     before, coherence = coherence_with(state, current), coherence_with(state, patch)
     if coherence < before - tuning.WORSE:
         pose, patch, coherence = expected, current, before
-    kept = carried_along(state, followed, expected, pose, patch, p)
+    persistence = carried_along(state, followed, expected, pose, patch, p)
     share = tuning.COHERENCE_SLOPE * coherence / p.coherent - tuning.COHERENCE_OFFSET
-    return pose, coherence, kept * np.float32(min(max(share, 0.0), 1.0))
+    return pose, coherence, persistence * np.float32(min(max(share, 0.0), 1.0))
 
 
-def _hold(
-    state: PatchTrackerState, view: View, frame: Frame, carried: Carried, height: float, p: PatchTrackerParams
+def _correct_by_keyframes(
+    state: PatchTrackerState, sampler: Sampler, frame: Frame, carried: Carried, height: float, p: PatchTrackerParams
 ) -> tuple[Pose, list[float]]:
     """Pose drawn half-way to the best keyframe, and the agreement with each keyframe."""
     g, pose, scores = state.geometry, carried.pose, list(carried.patch.keys)
     best, found = scores.index(max(scores)), None
-    candidate, score = _registered(state, view, best, carried.patch.gray, pose, carried.followed.planes[2], p)
+    candidate, score = _registered(state, sampler, best, carried.patch.gray, pose, carried.followed.planes[2], p)
     if score > scores[best]:
         scores[best], found = score, candidate if score > tuning.KEY_MATCH else None
     if scores[0] < p.reset_below:
         # Only the first keyframe's size is what the user drew.
         other = pose.scaled(tuning.ZOOMS[(state.good_frames + state.low) % len(tuning.ZOOMS)])
-        reset, score = _registered(state, view, 0, view.fine(other).gray, other, g.weights, p)
+        reset, score = _registered(state, sampler, 0, sampler.fine(other).gray, other, g.weights, p)
         # A patch of a few blurred edges fits in many sizes; what surrounds it does not.
         if score > max(p.reset_match, scores[0] + p.reset_gain) and (
-            look(state, view, reset, reset, 0.0).seen.height > p.reset_level * height
+            peak_at(state, sampler, reset, reset, 0.0).seen.height > p.reset_level * height
         ):
             scores[0] = score
             return reset, scores
@@ -265,13 +270,13 @@ def _hold(
 
 
 def _registered(
-    state: PatchTrackerState, view: View, key: int, current: F32, pose: Pose, prior: F32, p: PatchTrackerParams
+    state: PatchTrackerState, sampler: Sampler, key: int, current: F32, pose: Pose, prior: F32, p: PatchTrackerParams
 ) -> tuple[Pose, float]:
     """Pose to which the flow from a keyframe leads, and the agreement there; `current` is the patch at `pose`."""
     g, patch = state.geometry, state.model.keys[key]
     followed = _followed(patch, current, _flow(patch, current, p, p.key_levels), prior, g, p, -1.0)
     candidate = _applied(pose, followed, g, p.max_key_scale)
-    return candidate, view.fine(candidate).keys[key]
+    return candidate, sampler.fine(candidate).keys[key]
 
 
 def _gate_scale(pose: Pose, old: Pose, agreement: float, g: Geometry, frame: Frame) -> Pose:
@@ -282,7 +287,7 @@ def _gate_scale(pose: Pose, old: Pose, agreement: float, g: Geometry, frame: Fra
     return Pose(pose.cx, pose.cy, old.sx * factor, old.sy * factor, pose.angle)
 
 
-def _judge(
+def _verdict(
     state: PatchTrackerState,
     frame: Frame,
     pose: Pose,
@@ -315,7 +320,7 @@ def _visible(box: Box, frame: Frame) -> float:
     return box.clip(frame.width, frame.height).area / box.area
 
 
-def _settle(
+def _next_pose(
     state: PatchTrackerState, pose: Pose, coarse: Pose, verdict: str, p: PatchTrackerParams
 ) -> tuple[Pose, tuple[float, float], int]:
     """Pose and velocity to carry on with, and for how many frames the agreement has been bad."""
@@ -337,23 +342,23 @@ def _settle(
 def _learn(
     model: Model,
     means: F32,
-    view: View,
+    sampler: Sampler,
     g: Geometry,
     pose: Pose,
     agreement: float,
     best_key: float,
-    kept: float,
+    persistence: float,
     p: PatchTrackerParams,
 ) -> Model:
     histograms = model.histograms
-    located = finders.learn(model.located, view.scene(pose))
+    located = finders.learn(model.located, sampler.scene(pose))
     if histograms is not None:
-        histograms = view.learned_colours(pose, histograms, p.colour_rate)
+        histograms = sampler.learned_colours(pose, histograms, p.colour_rate)
     keys, age = model.keys, model.key_age + 1
     if (
         best_key < tuning.KEY_MATCH
         and agreement > tuning.NEW_KEY_AGREEMENT
-        and kept >= p.new_key
+        and persistence >= p.new_key
         and age >= p.key_gap
     ):
         keys, age = np.stack((keys[0], *keys[1:][2 - p.keys :], model.previous)), 0
@@ -389,7 +394,7 @@ def ride(state: PatchTrackerState, box: Box) -> PatchTrackerState:
         sy=old.sy + tuning.RIDE_RATE * (down - old.sy),
     )
     estimate = state.estimate.replace(box=box, ok=True)
-    return state._replace(pose=pose, velocity=(0.0, 0.0), low=0, kept=g.body, hint=None, estimate=estimate)
+    return state._replace(pose=pose, velocity=(0.0, 0.0), low=0, persistence=g.body, hint=None, estimate=estimate)
 
 
 def seek(state: PatchTrackerState, frame: Frame, params: PatchTrackerParams) -> PatchTrackerState:

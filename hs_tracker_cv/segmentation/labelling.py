@@ -12,9 +12,9 @@ from ..geometry import Box
 from . import mask as masks
 from . import motion, tuning
 from .state import Image, Plane, SegmentationParams, SegmentationState
-from .window import View, shifted, shifted_mask, translated
+from .window import Window, shifted, shifted_mask, translated
 
-__all__ = ["Expected", "Labels", "assign", "displace", "expect", "expect_nothing", "weigh"]
+__all__ = ["Expected", "Labels", "assign", "displace", "measure_evidence", "predict_ground", "predict_layers"]
 
 
 class Expected(NamedTuple):
@@ -55,7 +55,7 @@ class Labels(NamedTuple):
     bins: NDArray[np.int16]
 
 
-class Sight(NamedTuple):
+class VisiblePart(NamedTuple):
     """What is visible of the object.
 
     Inside the frame the pixels of the remembered shape, those of them in the mask, and those of the mask; and the
@@ -68,7 +68,7 @@ class Sight(NamedTuple):
     box: Box | None
 
 
-def expect(state: SegmentationState, view: View, moves: motion.Moves) -> tuple[Expected, Evidence]:
+def predict_layers(state: SegmentationState, window: Window, moves: motion.Moves) -> tuple[Expected, Evidence]:
     """Move both layers to this frame, and weigh there what it shows."""
     h, w = state.odds.shape
     hidden = state.occlusion.occluded or state.occlusion.coasting > 0 or state.occlusion.suspected > 0
@@ -87,9 +87,9 @@ def expect(state: SegmentationState, view: View, moves: motion.Moves) -> tuple[E
     errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
     alike = warp_and_score(
         state.previous, state.obj, state.odds, state.shape, motion.inverse_matrix(moves.theta, moves.grid),
-        everywhere, view.image, expected.background, expected.moved, _counts(moves), expected.part, view.inside,
-        _likelihood(state, view, moves), expected.carried, expected.obj, expected.odds, expected.shape, expected.own,
-        errors, fresh,
+        everywhere, window.image, expected.background, expected.moved, _counts(moves), expected.part, window.inside,
+        _likelihood(state, window, moves), expected.carried, expected.obj, expected.odds, expected.shape,
+        expected.own, errors, fresh,
     )  # fmt: skip
     return expected, Evidence(errors, fresh, alike)
 
@@ -105,16 +105,16 @@ def _ground_of_last(state: SegmentationState, moves: motion.Moves) -> Image:
     return np.where(hidden[:, :, np.newaxis] != 0, np.float32(tuning.NOWHERE), moved)
 
 
-def expect_nothing(state: SegmentationState, view: View, moves: motion.Moves, odds: Plane) -> Expected:
+def predict_ground(state: SegmentationState, window: Window, moves: motion.Moves, odds: Plane) -> Expected:
     """Move the background alone; the object is where `odds` says and looks as it looks."""
     return Expected(
         background=translated(moves.atlas.image, *moves.atlas.offset),
         moved=translated(state.previous, *moves.camera),
-        carried=view.image,
+        carried=window.image,
         odds=odds,
         own=(odds > 0).view(np.uint8),
         shape=(odds > 0).astype(np.float32),
-        obj=view.image,
+        obj=window.image,
         part=_whole(*odds.shape),
     )
 
@@ -145,13 +145,13 @@ def displace(expected: Expected, shift: tuple[int, int]) -> Expected:
     )
 
 
-def weigh(state: SegmentationState, view: View, expected: Expected, moves: motion.Moves) -> Evidence:
+def measure_evidence(state: SegmentationState, window: Window, expected: Expected, moves: motion.Moves) -> Evidence:
     """Evidence per pixel; see `evidence`."""
-    h, w = view.gray.shape
+    h, w = window.gray.shape
     errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
     alike = evidence(
-        view.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
-        _counts(moves), expected.part, view.inside, _likelihood(state, view, moves), errors, fresh,
+        window.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
+        _counts(moves), expected.part, window.inside, _likelihood(state, window, moves), errors, fresh,
     )  # fmt: skip
     return Evidence(errors, fresh, alike)
 
@@ -161,42 +161,43 @@ def _counts(moves: motion.Moves) -> NDArray[np.float32]:
     return moves.atlas.counts
 
 
-def _likelihood(state: SegmentationState, view: View, moves: motion.Moves) -> NDArray[np.float32]:
+def _likelihood(state: SegmentationState, window: Window, moves: motion.Moves) -> NDArray[np.float32]:
     """Numbers of the likelihoods, as `evidence` wants them."""
     tau = tuning.TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else tuning.TAU_FRACTION
-    kappa = tuning.KAPPA_COLOUR if view.colour else 1.0
+    kappa = tuning.KAPPA_COLOUR if window.colour else 1.0
     occluded = float(state.occlusion.occluded)
     gains = (*tuning.GROUND_GAINS, *tuning.OBJECT_GAINS)
     return np.array((tau**2, tuning.TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise, *gains), np.float32)
 
 
-def in_front(state: SegmentationState, view: View, moves: motion.Moves, expected: Expected) -> masks.Mask | None:
+def in_front(state: SegmentationState, window: Window, moves: motion.Moves, expected: Expected) -> masks.Mask | None:
     """Where the distractor of the last frame hides the object in this one."""
     return masks.follow_distractor(
-        state.distractor, moves.flow, state.previous, view.image, expected.obj, state.noise
+        state.distractor, moves.flow, state.previous, window.image, expected.obj, state.noise
     )
 
 
 def assign(
     state: SegmentationState,
-    view: View,
+    window: Window,
     expected: Expected,
     moves: motion.Moves,
     seen: Evidence,
     hiding: masks.Mask | None,
     params: SegmentationParams,
-) -> tuple[Labels, Sight]:
+) -> tuple[Labels, VisiblePart]:
     """Mask of the object from the evidence, which is changed where the object grows or something else arrives."""
-    h, w = view.gray.shape
+    h, w = window.gray.shape
     mask, foreign = np.empty((h, w), np.uint8), np.empty((h, w), np.uint8)
     raw, odds, bins = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w), np.int16)
     # what comes out from behind something may be the object itself
     emerging = bool(state.occlusion.occluded or state.occlusion.coasting)
     others, area, both, visible, *edges = label(
-        view.image, expected.background, moves.atlas.counts, expected.odds, expected.own, expected.shape, seen.errors,
-        seen.fresh, state.distractor, hiding, emerging, state.colours,
-        params.colour_weight, state.noise, tuning.GROWTH, state.count <= 2, tuning.LEAST_LEFT, view.inside, bins,
+        window.image, expected.background, moves.atlas.counts, expected.odds, expected.own, expected.shape,
+        seen.errors, seen.fresh, state.distractor, hiding, emerging, state.colours,
+        params.colour_weight, state.noise, tuning.GROWTH, state.count <= 2, tuning.LEAST_LEFT, window.inside, bins,
         raw, odds, mask, foreign,
     )  # fmt: skip
     box = Box.from_edges(*edges) if edges[0] < edges[2] else None
-    return Labels(mask, odds, raw, seen.errors, foreign if others else None, bins), Sight(area, both, visible, box)
+    labels = Labels(mask, odds, raw, seen.errors, foreign if others else None, bins)
+    return labels, VisiblePart(area, both, visible, box)

@@ -13,7 +13,7 @@ from . import background as ground
 from . import colour, motion, tuning
 from .labelling import Expected, Labels
 from .state import Atlas, Image, Plane, SegmentationState
-from .window import Picture, View, shifted_mask, transformed, translated
+from .window import Picture, Window, shifted_mask, transformed, translated
 
 __all__ = ["Learned", "Seed", "learn_frame", "move", "rescale", "seed"]
 
@@ -63,7 +63,7 @@ def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int
 
 def learn_frame(
     state: SegmentationState,
-    view: View,
+    window: Window,
     moves: motion.Moves,
     expected: Expected,
     labels: Labels,
@@ -76,7 +76,7 @@ def learn_frame(
     Parameters
     ----------
     state : SegmentationState
-    view, moves, expected, labels
+    window, moves, expected, labels
         What is known of the frame.
     hidden : bool
         The object is covered: its shape is kept, and its image learned only where it is surely seen.
@@ -84,17 +84,17 @@ def learn_frame(
         It may be about to be: its shape is kept.
     """
     atlas = moves.atlas
-    aligned = translated(view.image, -atlas.offset[0], -atlas.offset[1])
-    h, w = view.gray.shape
+    aligned = translated(window.image, -atlas.offset[0], -atlas.offset[1])
+    h, w = window.gray.shape
     odds, shape = np.empty((h, w), np.float32), np.empty((h, w), np.float32)
     obj, picture, counts = np.empty_like(expected.obj), np.empty_like(atlas.image), np.empty_like(atlas.counts)
     colours = np.empty_like(state.colours)
     rate = max(tuning.COLOUR_RATE, 1.0 / (state.count + 2))  # the ground in a box just drawn is soon forgotten
     shape_rate = tuning.YOUNG_RATE if state.count < tuning.YOUNG else tuning.SHAPE_RATE
     known, strange, spread = learn(
-        view.image, aligned, labels.mask, expected.own, labels.distractor,
+        window.image, aligned, labels.mask, expected.own, labels.distractor,
         labels.odds, labels.raw, expected.odds, expected.obj, expected.shape, labels.errors, labels.bins, atlas.image,
-        atlas.counts, expected.part, view.inside, shape_rate, hidden or suspected, hidden,
+        atlas.counts, expected.part, window.inside, shape_rate, hidden or suspected, hidden,
         state.colours, 0.0 if hidden else rate, odds, obj, shape, picture, counts, colours,
     )  # fmt: skip
     if hidden:

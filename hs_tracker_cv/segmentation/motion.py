@@ -15,7 +15,7 @@ from .._native.kernels.segmentation import residual as registration_residual
 from . import background as ground
 from . import tuning
 from .state import Atlas, Image, Plane, SegmentationParams, SegmentationState
-from .window import View, differences, outside, translated
+from .window import Window, differences, outside, translated
 
 __all__ = ["Grid", "Moves", "displace", "find", "follow", "inverse_matrix", "where_to"]
 
@@ -62,28 +62,31 @@ class Moves(NamedTuple):
         return float(self.theta[0]), float(self.theta[3])
 
 
-def find(state: SegmentationState, view: View, params: SegmentationParams) -> Moves:
+def find(state: SegmentationState, window: Window, params: SegmentationParams) -> Moves:
     """Motion of object and camera into this frame."""
     hidden = state.visible is not None
     coasting = state.occlusion.coasting > 0
     # the corners of a drawn box are ground, more often than not
     way = _AS_VISIBLE if hidden else _AS_CHANGED if state.count < tuning.MOVING_YOUNG else _EVENLY
-    changed = _changed(state, view, _first_camera(state, view, params)) if way == _AS_CHANGED else None
+    changed = _changed(state, window, _first_camera(state, window, params)) if way == _AS_CHANGED else None
     known = state.occlusion.occluded or coasting
-    seen = _foresee(state, view, state.odds, way, (*state.velocity, *state.linear), known=known, changed=changed)
-    if not known and (state.count == 0 or seen.cost > tuning.SEARCH_FACTOR * state.match_cost + tuning.SEARCH_ADDED):
-        seen = _search_too(state, view, seen)
-    flow = _dense_flow(view, seen.start, state, params)
-    if coasting or (hidden and seen.visible < tuning.HARDLY_VISIBLE * state.box[2] * state.box[3]):
+    predicted = _predict(
+        state, window, state.odds, way, (*state.velocity, *state.linear), known=known, changed=changed
+    )
+    surprising = predicted.cost > tuning.SEARCH_FACTOR * state.match_cost + tuning.SEARCH_ADDED
+    if not known and (state.count == 0 or surprising):
+        predicted = _predict_by_search(state, window, predicted)
+    flow = _dense_flow(window, predicted.start, state, params)
+    if coasting or (hidden and predicted.visible < tuning.HARDLY_VISIBLE * state.box[2] * state.box[3]):
         # hardly anything is seen: it moves as it did before
-        registered, _ = _measure(state, view, flow, seen, state.odds, count=0)
+        registered, _ = _measure(state, window, flow, predicted, state.odds, count=0)
         theta = _theta(state.velocity)
     else:
-        registered, theta = _measure(state, view, flow, seen, state.odds, count=seen.listed)
-    return _moves(state, view, seen, flow, registered, theta, state.match_cost if known else seen.cost)
+        registered, theta = _measure(state, window, flow, predicted, state.odds, count=predicted.listed)
+    return _moves(state, window, predicted, flow, registered, theta, state.match_cost if known else predicted.cost)
 
 
-def _changed(state: SegmentationState, view: View, camera: tuple[float, float]) -> NDArray[np.uint8]:
+def _changed(state: SegmentationState, window: Window, camera: tuple[float, float]) -> NDArray[np.uint8]:
     """How surely each pixel has changed since the first frame or the last, 0–255, the camera's motion apart.
 
     What has is the object or has been covered by it; what has not, in a box just drawn, is rather ground.
@@ -92,8 +95,8 @@ def _changed(state: SegmentationState, view: View, camera: tuple[float, float]) 
     ground, previous = translated(state.atlas.image, *offset), translated(state.previous, *camera)
     # lights that change for all of the window are no motion
     beside = outside(state)
-    first = view.image - ground * _gains(view.image, ground, beside)
-    last = view.image - previous * _gains(view.image, previous, beside)
+    first = window.image - ground * _gains(window.image, ground, beside)
+    last = window.image - previous * _gains(window.image, previous, beside)
     square = np.maximum((first * first).mean(axis=2), (last * last).mean(axis=2))
     square = cv2.blur(square, (3, 3))
     noise, floor = state.noise**2, tuning.CHANGE_FLOOR
@@ -110,11 +113,11 @@ def _gains(image: Image, reference: Image, where: NDArray[np.bool_]) -> NDArray[
     return np.asarray((now + 1.0) / (before + 1.0), np.float32)
 
 
-def _first_camera(state: SegmentationState, view: View, params: SegmentationParams) -> tuple[float, float]:
+def _first_camera(state: SegmentationState, window: Window, params: SegmentationParams) -> tuple[float, float]:
     """Motion of the camera by the flow round the object alone, before anything is known of the object's."""
-    start = np.empty((*view.gray.shape, 2), np.float32)
+    start = np.empty((*window.gray.shape, 2), np.float32)
     start[:] = state.camera
-    flow = _dense_flow(view, start, state, params)
+    flow = _dense_flow(window, start, state, params)
     beside = outside(state)
     if not beside.any():
         return state.camera
@@ -123,13 +126,13 @@ def _first_camera(state: SegmentationState, view: View, params: SegmentationPara
 
 
 def follow(
-    state: SegmentationState, view: View, odds: Plane, velocity: tuple[float, float], params: SegmentationParams
+    state: SegmentationState, window: Window, odds: Plane, velocity: tuple[float, float], params: SegmentationParams
 ) -> Moves:
     """Motion of the camera into this frame; that of the object, which is where `odds` are positive, is given."""
-    seen = _foresee(state, view, odds, _EVENLY, (*velocity, *_NO_LINEAR), known=True)
-    flow = _dense_flow(view, seen.start, state, params)
-    registered, _ = _measure(state, view, flow, seen, odds, count=0)
-    return _moves(state, view, seen, flow, registered, _theta(velocity), state.match_cost)
+    predicted = _predict(state, window, odds, _EVENLY, (*velocity, *_NO_LINEAR), known=True)
+    flow = _dense_flow(window, predicted.start, state, params)
+    registered, _ = _measure(state, window, flow, predicted, odds, count=0)
+    return _moves(state, window, predicted, flow, registered, _theta(velocity), state.match_cost)
 
 
 def displace(moves: Moves, shift: tuple[int, int]) -> Moves:
@@ -140,7 +143,7 @@ def displace(moves: Moves, shift: tuple[int, int]) -> Moves:
     return moves._replace(theta=theta)
 
 
-class _Foreseen(NamedTuple):
+class _Prediction(NamedTuple):
     """What is known before the flow is; see `predict_motion`."""
 
     near: NDArray[np.uint8]
@@ -155,16 +158,16 @@ class _Foreseen(NamedTuple):
     start: NDArray[np.float32]
 
 
-def _foresee(
+def _predict(
     state: SegmentationState,
-    view: View,
+    window: Window,
     odds: Plane,
     way: int,
     motion: tuple[float, float, float, float, float, float],
     *,
     known: bool,
     changed: NDArray[np.uint8] | None = None,
-) -> _Foreseen:
+) -> _Prediction:
     """Outline of the object {odds > 0}, and the motion expected for this frame.
 
     The last motion, its translation alone or the camera's motion, whichever explains the frame best; the last one
@@ -186,40 +189,48 @@ def _foresee(
     )
     theta = np.empty(8)
     count, cost, visible, grid, extent = predict_motion(
-        odds, shown, way, box, state.obj, view.image, view.inside, motion, state.camera, known, near, weight, points,
-        theta, start,
+        odds, shown, way, box, state.obj, window.image, window.inside, motion, state.camera, known, near, weight,
+        points, theta, start,
     )  # fmt: skip
-    return _Foreseen(near, weight, points, count, Grid(*grid), extent, visible, theta, cost, start)
+    return _Prediction(near, weight, points, count, Grid(*grid), extent, visible, theta, cost, start)
 
 
 def _measure(
-    state: SegmentationState, view: View, flow: NDArray[np.float32], seen: _Foreseen, odds: Plane, *, count: int
+    state: SegmentationState,
+    window: Window,
+    flow: NDArray[np.float32],
+    predicted: _Prediction,
+    odds: Plane,
+    *,
+    count: int,
 ) -> tuple[ground.Registered, NDArray[np.float64]]:
     """How the background moved and how the object did; only the first without any points."""
     register, theta = np.empty(8), np.empty(8)
     atlas, young = state.atlas, state.count < tuning.MOVING_YOUNG
     measure_motion(
-        flow, view.image, view.previous, view.inside, seen.near, state.camera, state.noise, atlas.image, atlas.counts,
-        atlas.offset, tuning.CAMERA_STEPS, odds, seen.weight, seen.grid, seen.points, count, seen.theta,
-        state.occlusion.occluded, young, tuning.OBJECT_STEPS, register, theta,
+        flow, window.image, window.previous, window.inside, predicted.near, state.camera, state.noise, atlas.image,
+        atlas.counts, atlas.offset, tuning.CAMERA_STEPS, odds, predicted.weight, predicted.grid, predicted.points,
+        count, predicted.theta, state.occlusion.occluded, young, tuning.OBJECT_STEPS, register, theta,
     )  # fmt: skip
     return ground.Registered.of(register), theta
 
 
 def _moves(
     state: SegmentationState,
-    view: View,
-    seen: _Foreseen,
+    window: Window,
+    predicted: _Prediction,
     flow: NDArray[np.float32],
     registered: ground.Registered,
     theta: NDArray[np.float64],
     residual: float,
 ) -> Moves:
-    atlas, camera = ground.place(state.atlas, registered, view.image, state.odds)
+    atlas, camera = ground.place(state.atlas, registered, window.image, state.odds)
     contrast = _contrast(theta, camera, state.contrast)
     strange = tuning.STRANGE_NOISE * state.noise + tuning.STRANGE
-    misfit = registration_residual(view.image, seen.points, seen.listed, theta, strange, view.inside) / strange
-    return Moves(seen.grid, theta, residual, flow, camera, atlas, contrast, seen.extent, min(misfit, 1.0))
+    points, grid = predicted.points, predicted.grid
+    left = registration_residual(window.image, points, predicted.listed, theta, strange, window.inside)
+    misfit = min(left / strange, 1.0)
+    return Moves(grid, theta, residual, flow, camera, atlas, contrast, predicted.extent, misfit)
 
 
 def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: float) -> float:
@@ -234,22 +245,22 @@ def _theta(velocity: tuple[float, float]) -> NDArray[np.float64]:
     return np.array((velocity[0], 0.0, 0.0, velocity[1], 0.0, 0.0, 0.0, 0.0))
 
 
-def _search_too(state: SegmentationState, view: View, seen: _Foreseen) -> _Foreseen:
+def _predict_by_search(state: SegmentationState, window: Window, predicted: _Prediction) -> _Prediction:
     """Prediction by a search over translations, where that explains the frame clearly better."""
-    grid = seen.grid
-    shift = _search(state, view.image, seen.weight, grid)
+    grid = predicted.grid
+    shift = _search_translation(state, window.image, predicted.weight, grid)
     theta = _theta(shift)
-    cost = registration_residual(view.image, seen.points, seen.listed, theta, FAR_OFF, view.inside)
+    cost = registration_residual(window.image, predicted.points, predicted.listed, theta, FAR_OFF, window.inside)
     dx, dy = shift[0] - state.velocity[0], shift[1] - state.velocity[1]
     distance = dx * dx + dy * dy
     penalised = _penalised(cost, distance, grid)
-    first = tuning.FIRST_GAIN * seen.cost - tuning.FIRST_LESS
-    later = tuning.LATER_GAIN * seen.cost - tuning.LATER_LESS
+    first = tuning.FIRST_GAIN * predicted.cost - tuning.FIRST_LESS
+    later = tuning.LATER_GAIN * predicted.cost - tuning.LATER_LESS
     if penalised >= (first if state.count == 0 else later):
-        return seen
-    start = np.empty_like(seen.start)
-    start_flow(seen.near, seen.grid, theta, state.camera, start)
-    return seen._replace(theta=theta, cost=cost, start=start)
+        return predicted
+    start = np.empty_like(predicted.start)
+    start_flow(predicted.near, predicted.grid, theta, state.camera, start)
+    return predicted._replace(theta=theta, cost=cost, start=start)
 
 
 _Cost = TypeVar("_Cost", float, Plane)
@@ -262,7 +273,7 @@ def _penalised(cost: _Cost, distance: _Cost, grid: Grid) -> _Cost:
     return penalised
 
 
-def _search(state: SegmentationState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
+def _search_translation(state: SegmentationState, image: Image, weight: Plane, grid: Grid) -> tuple[float, float]:
     """Translation of the object layer with the least masked squared difference, near ones preferred."""
     reduce = 2 if 2 * grid.scale >= tuning.HALVED else 1
     obj, mask = state.obj, weight
@@ -307,7 +318,7 @@ def _solver(levels: int, params: SegmentationParams) -> Any:
 
 
 def _dense_flow(
-    view: View, start: NDArray[np.float32], state: SegmentationState, params: SegmentationParams
+    window: Window, start: NDArray[np.float32], state: SegmentationState, params: SegmentationParams
 ) -> NDArray[np.float32]:
     """Horn–Schunck flow, started from the predicted motion near the object and from the camera's elsewhere.
 
@@ -316,7 +327,7 @@ def _dense_flow(
     """
     side = max(min(state.box[2], state.box[3]), tuning.FLOW_LEAST_SIDE)
     levels = min(max(1 + math.floor(math.log2(side / tuning.FLOW_COARSEST)), 1), tuning.FLOW_LEVELS)
-    flow: NDArray[np.float32] = _solver(levels, params).calc(view.previous, view.gray, start)
+    flow: NDArray[np.float32] = _solver(levels, params).calc(window.previous, window.gray, start)
     return flow
 
 

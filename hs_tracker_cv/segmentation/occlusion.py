@@ -11,7 +11,7 @@ from . import tuning
 from .mask import Mask
 from .state import Image, Occlusion, Plane, SegmentationParams
 
-__all__ = ["amodal", "find_again", "judge", "remembered_speed", "visible_share", "with_missing"]
+__all__ = ["amodal", "find_again", "remembered_speed", "updated", "visible_share", "with_missing"]
 
 
 def visible_share(area: int, both: int, seen: int, *, hidden: bool) -> float:
@@ -29,7 +29,7 @@ def visible_share(area: int, both: int, seen: int, *, hidden: bool) -> float:
     return float(ratio)
 
 
-def judge(
+def updated(
     memory: Occlusion,
     box: Box | None,
     velocity: tuple[float, float],

@@ -13,10 +13,10 @@ from ..geometry import Box
 from . import labelling, memory, motion, tuning
 from . import mask as masks
 from . import occlusion as hiding
-from .labelling import Expected, Labels, Sight
+from .labelling import Expected, Labels, VisiblePart
 from .memory import Learned
 from .state import Occlusion, SegmentationEstimate, SegmentationParams, SegmentationState
-from .window import View, grab, lattice_step, look, place_window, window_box
+from .window import Window, cut_window, grab, lattice_step, place_window, window_box
 
 __all__ = ["reseed", "start", "step", "watch"]
 
@@ -102,22 +102,22 @@ def step(state: SegmentationState, frame: Frame, params: SegmentationParams) -> 
     -------
     SegmentationState
     """
-    view = look(state, frame)
-    moves = motion.find(state, view, params)
-    expected, evidence = labelling.expect(state, view, moves)
-    in_front = labelling.in_front(state, view, moves, expected)
+    window = cut_window(state, frame)
+    moves = motion.find(state, window, params)
+    expected, evidence = labelling.predict_layers(state, window, moves)
+    in_front = labelling.in_front(state, window, moves, expected)
     if state.occlusion.occluded or state.occlusion.coasting:
-        shift = _search(state, view, expected, evidence[0], in_front)
+        shift = _search(state, window, expected, evidence[0], in_front)
         if shift != (0, 0):
             expected, moves = labelling.displace(expected, shift), motion.displace(moves, shift)
-            evidence = labelling.weigh(state, view, expected, moves)
-    labels, sight = labelling.assign(state, view, expected, moves, evidence, in_front, params)
-    outcome = _judge(state, moves, expected, sight, in_front, evidence.alike, params)
+            evidence = labelling.measure_evidence(state, window, expected, moves)
+    labels, visible = labelling.assign(state, window, expected, moves, evidence, in_front, params)
+    outcome = _outcome(state, moves, expected, visible, in_front, evidence.alike, params)
     hidden = outcome.occlusion.occluded or outcome.occlusion.coasting > 0
     learned = memory.learn_frame(
-        state, view, moves, expected, labels, hidden=hidden, suspected=outcome.occlusion.suspected > 0
+        state, window, moves, expected, labels, hidden=hidden, suspected=outcome.occlusion.suspected > 0
     )
-    return _conclude(state, frame, view, moves, labels, learned, outcome, params)
+    return _next_state(state, frame, window, moves, labels, learned, outcome, params)
 
 
 def watch(state: SegmentationState, frame: Frame, box: Box, params: SegmentationParams) -> SegmentationState:
@@ -140,23 +140,23 @@ def watch(state: SegmentationState, frame: Frame, box: Box, params: Segmentation
     -------
     SegmentationState
     """
-    view = look(state, frame)
+    window = cut_window(state, frame)
     small = _to_lattice(box, state.step)
-    seed = memory.seed(view.image, small, state.origin)
+    seed = memory.seed(window.image, small, state.origin)
     speed = tuple(
         new + side / 2 - old - length / 2
         for new, side, old, length in zip(small[:2], small[2:], state.box[:2], state.box[2:], strict=True)
     )
     mask = (seed.odds > 0).view(np.uint8)
-    moves = motion.follow(state, view, seed.odds, (speed[0], speed[1]), params)
-    expected = labelling.expect_nothing(state, view, moves, seed.odds)
-    errors, _, _ = labelling.weigh(state, view, expected, moves)
+    moves = motion.follow(state, window, seed.odds, (speed[0], speed[1]), params)
+    expected = labelling.predict_ground(state, window, moves, seed.odds)
+    errors, _, _ = labelling.measure_evidence(state, window, expected, moves)
     labels = Labels(mask, seed.odds, seed.odds, errors, None, seed.bins)
-    learned = memory.learn_frame(state, view, moves, expected, labels, hidden=False, suspected=False)
-    learned = learned._replace(odds=seed.odds, shape=seed.shape, obj=view.image, colours=seed.colours)
+    learned = memory.learn_frame(state, window, moves, expected, labels, hidden=False, suspected=False)
+    learned = learned._replace(odds=seed.odds, shape=seed.shape, obj=window.image, colours=seed.colours)
     local = Box(small[0] - state.origin[0], small[1] - state.origin[1], small[2], small[3])
     outcome = _Outcome(local, (speed[0], speed[1]), (0.0, 0.0, 0.0, 0.0), Occlusion(), 1.0)
-    return _conclude(state, frame, view, moves, labels, learned, outcome, params)
+    return _next_state(state, frame, window, moves, labels, learned, outcome, params)
 
 
 def reseed(state: SegmentationState, frame: Frame, box: Box, params: SegmentationParams) -> SegmentationState:
@@ -224,7 +224,11 @@ def _margin(box: tuple[float, float, float, float], count: int, coasting: int, p
 
 
 def _search(
-    state: SegmentationState, view: View, expected: Expected, errors: NDArray[np.float32], in_front: masks.Mask | None
+    state: SegmentationState,
+    window: Window,
+    expected: Expected,
+    errors: NDArray[np.float32],
+    in_front: masks.Mask | None,
 ) -> tuple[int, int]:
     """Where a hidden object comes out again, relative to where it was expected."""
     reach = tuning.NEARBY + state.occlusion.coasting + tuning.PER_SUSPECTED * state.occlusion.suspected
@@ -232,14 +236,14 @@ def _search(
     different = (errors[1] >= tuning.DIFFERENT).view(np.uint8)
     if in_front is not None:
         different &= 1 - in_front
-    return hiding.find_again(view.image, expected.obj, expected.shape, different, reach, state.noise, view.inside)
+    return hiding.find_again(window.image, expected.obj, expected.shape, different, reach, state.noise, window.inside)
 
 
-def _judge(
+def _outcome(
     state: SegmentationState,
     moves: motion.Moves,
     expected: Expected,
-    sight: Sight,
+    visible: VisiblePart,
     in_front: masks.Mask | None,
     alike: float,
     params: SegmentationParams,
@@ -247,19 +251,19 @@ def _judge(
     """Occlusion, box and motion after labelling."""
     was_hidden = state.occlusion.coasting > 0
     usable = moves.contrast >= tuning.USABLE_CONTRAST and state.count >= tuning.SHAPE_YOUNG
-    share = hiding.visible_share(sight.area, sight.both, sight.seen, hidden=was_hidden)
+    share = hiding.visible_share(visible.area, visible.both, visible.seen, hidden=was_hidden)
     vanished = moves.misfit > (tuning.BACK if state.occlusion.vanished else tuning.GONE) or (
         alike < tuning.ALIKE * share and usable and (state.occlusion.vanished or not state.occlusion.occluded)
     )
     if vanished:  # what is there is not the object, whatever it may be
         share = min(share, 1.0 - moves.misfit)
-    box = sight.box
+    box = visible.box
     covered = False
     if in_front is not None:
         shape = expected.shape > 0.5
         covered = bool(np.count_nonzero(shape & (in_front != 0)) > tuning.COVERED * np.count_nonzero(shape))
     on_lattice = None if box is None else box.moved(*state.origin)
-    occlusion = hiding.judge(
+    occlusion = hiding.updated(
         state.occlusion, on_lattice, moves.velocity, moves.camera, share, usable, covered, params
     )
     unseen = (share < tuning.UNSEEN and usable) or vanished or box is None
@@ -302,7 +306,7 @@ def _next_linear(state: SegmentationState, moves: motion.Moves, hidden: bool) ->
     return a, b, c, d
 
 
-def _belief(share: float, unexplained: float, misfit: float) -> float:
+def _chance(share: float, unexplained: float, misfit: float) -> float:
     """Probability that the box is right (IoU above one half), 0–1.
 
     Logistic in the logarithms of the visible share of the object and of the share of the background that is not
@@ -315,10 +319,10 @@ def _belief(share: float, unexplained: float, misfit: float) -> float:
     return seen * min((1.0 - misfit) / tuning.ALIKE_ENOUGH, 1.0)
 
 
-def _conclude(
+def _next_state(
     state: SegmentationState,
     frame: Frame,
-    view: View,
+    window: Window,
     moves: motion.Moves,
     labels: Labels,
     learned: Learned,
@@ -334,14 +338,14 @@ def _conclude(
     estimate = SegmentationEstimate(
         box=Box(x * k, y * k, outcome.box.w * k, outcome.box.h * k),
         ok=ok,
-        score=_belief(outcome.share, learned.unexplained, moves.misfit) if ok else 0.0,
+        score=_chance(outcome.share, learned.unexplained, moves.misfit) if ok else 0.0,
         occluded=outcome.occlusion.occluded,
         unexplained=learned.unexplained,
         mask=labels.mask,
-        window=window_box(state.origin, view.gray.shape, k),
+        window=window_box(state.origin, window.gray.shape, k),
         step=float(k),
-        previous=view.previous,
-        current=view.gray,
+        previous=window.previous,
+        current=window.gray,
         flow=moves.flow,
         camera=(moves.camera[0] * k, moves.camera[1] * k),
     )
@@ -364,7 +368,7 @@ def _conclude(
         contrast=moves.contrast,
         match_cost=state.match_cost + rate * (moves.residual - state.match_cost),
         occlusion=outcome.occlusion,
-        light=view.light,
+        light=window.light,
     )
     return _advance(concluded, frame, params)
 

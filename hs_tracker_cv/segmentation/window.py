@@ -17,11 +17,11 @@ from .state import EVEN_LIGHT, Image, Light, Plane, SegmentationState
 
 __all__ = [
     "Picture",
-    "View",
+    "Window",
+    "cut_window",
     "differences",
     "grab",
     "lattice_step",
-    "look",
     "outside",
     "place_window",
     "shifted",
@@ -43,7 +43,7 @@ class Picture(NamedTuple):
     gray: Plane
 
 
-class View(NamedTuple):
+class Window(NamedTuple):
     """The window of this frame, with its gray version and that of the last frame; its part inside the frame."""
 
     image: Image
@@ -54,13 +54,13 @@ class View(NamedTuple):
     light: Light
 
 
-def look(state: SegmentationState, frame: Frame) -> View:
+def cut_window(state: SegmentationState, frame: Frame) -> Window:
     """Cut this frame's window."""
     h, w = state.odds.shape
     image, gray = grab(frame, state.origin, (h, w), state.step, state.light)
     inside = _inside_rectangle(frame, state.origin, (h, w), state.step)
     image, gray, light = _relit(image, gray, state)
-    return View(image, gray, state.gray, inside, frame.channels == 3, light)
+    return Window(image, gray, state.gray, inside, frame.channels == 3, light)
 
 
 def outside(state: SegmentationState) -> NDArray[np.bool_]:

@@ -366,8 +366,8 @@ def fit_motion(
         Object and surroundings were told apart.
     """
 
-def keep(
-    kept: Float32,
+def update_persistence(
+    persistence: Float32,
     body: Float32,
     previous: Float32,
     means: Float32,
@@ -392,7 +392,7 @@ def keep(
 
     Parameters
     ----------
-    kept, body : ndarray, shape (h / 2, w / 2), float32
+    persistence, body : ndarray, shape (h / 2, w / 2), float32
         What was kept, at least 2 × 2; the object's pixels.
     previous : ndarray, shape (h, w), float32
         Patch in the frame before.
@@ -408,7 +408,7 @@ def keep(
     patch : ndarray, shape (h, w), float32
         Where the result is wanted.
     right, down, cosine, sine : float
-        The result's centre, from that patch's centre in samples of `kept`, and its turn and zoom.
+        The result's centre, from that patch's centre in samples of `persistence`, and its turn and zoom.
     same, changed : float
         Difference of gray levels up to which a pixel is the same, and from which it is another; the second is larger.
     rate : float

@@ -608,9 +608,10 @@ label(Handle image, Handle background, Handle counts, Handle odds, Handle own, H
                          young,
                          checked_part(inside, "inside", size)};
     Unlocked unlocked;
-    const Sight sight =
+    const VisiblePart visible =
         kernels().label(size, what, {bin.data(), plain.data(), result.data(), labelled.data(), other.data()});
-    return {sight.foreign, sight.expected, sight.both, sight.seen, sight.left, sight.top, sight.right, sight.bottom};
+    return {visible.foreign, visible.expected, visible.both,  visible.seen,
+            visible.left,    visible.top,      visible.right, visible.bottom};
 }
 
 std::tuple<Index, Index, double> learn(Handle image, Handle aligned, Handle mask, Handle own, Handle foreign,

@@ -107,7 +107,7 @@ struct Labels {
 };
 
 // Pixels of the distractor; inside the frame those of the shape, of these in the mask, of the mask; its edges.
-struct Sight {
+struct VisiblePart {
     Index foreign, expected, both, seen;
     double left, top, right, bottom;
 };
@@ -233,7 +233,7 @@ struct SegmentationKernels {
     Found (*search_shift)(Size size, const float *image, const float *object, const float *shape, const Byte *different,
                           const Index *centre, Index reach, Index step, const Rectangle &inside, double noise);
     // labelling.cpp
-    Sight (*label)(Size size, const Labelling &what, const Labels &out);
+    VisiblePart (*label)(Size size, const Labelling &what, const Labels &out);
     // memory.cpp
     Fit (*learn)(Size size, const Lesson &what, const Memory &out);
 };

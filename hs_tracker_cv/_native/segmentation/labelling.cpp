@@ -270,21 +270,21 @@ double crossing(const float *values, Index count, Index last, Index step) {
 }
 
 // Edges of a mask: where the largest of the odds per row or column crosses zero; all 0 if it is empty.
-void edges(Size size, const Byte *mask, const float *odds, Sight *sight) {
+void edges(Size size, const Byte *mask, const float *odds, VisiblePart *visible) {
     const Room<float> room(size.width + size.height);
     float *columns = room.get(), *rows = columns + size.width;
     Rectangle bounds;
-    sight->left = sight->top = sight->right = sight->bottom = 0.0;
+    visible->left = visible->top = visible->right = visible->bottom = 0.0;
     if (!extremes(size, mask, odds, columns, rows, &bounds)) return;
-    sight->left = crossing(columns, size.width, bounds.left, -1);
-    sight->top = crossing(rows, size.height, bounds.top, -1);
-    sight->right = crossing(columns, size.width, bounds.right, 1);
-    sight->bottom = crossing(rows, size.height, bounds.bottom, 1);
+    visible->left = crossing(columns, size.width, bounds.left, -1);
+    visible->top = crossing(rows, size.height, bounds.top, -1);
+    visible->right = crossing(columns, size.width, bounds.right, 1);
+    visible->bottom = crossing(rows, size.height, bounds.bottom, 1);
 }
 
 } // namespace
 
-Sight label(Size size, const Labelling &what, const Labels &out) {
+VisiblePart label(Size size, const Labelling &what, const Labels &out) {
     const Index pixels = size.height * size.width;
     const Room<Byte> masks(MASKS * pixels);
     const Room<Run> runs(most_runs(size));
@@ -300,12 +300,12 @@ Sight label(Size size, const Labelling &what, const Labels &out) {
     threshold(pixels, out.raw, out.mask);
     open(size, area, work, out.mask);
     keep_component(size, what.own, area, work.runs, out.mask);
-    Sight sight;
-    sight.foreign = settle(size, what.odds, out);
+    VisiblePart visible;
+    visible.foreign = settle(size, what.odds, out);
     if (!cut_edge(size, what, work, out)) settle(size, what.odds, out);
-    overlap(size, out.mask, what.shape, what.inside, &sight);
-    edges(size, out.mask, out.odds, &sight);
-    return sight;
+    overlap(size, out.mask, what.shape, what.inside, &visible);
+    edges(size, out.mask, out.odds, &visible);
+    return visible;
 }
 
 } // namespace HS_LEVEL

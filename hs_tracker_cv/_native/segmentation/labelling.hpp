@@ -7,7 +7,7 @@ namespace hs {
 namespace HS_LEVEL {
 
 // Mask of the object from the evidence, and what is visible of it.
-Sight label(Size size, const Labelling &what, const Labels &out);
+VisiblePart label(Size size, const Labelling &what, const Labels &out);
 
 } // namespace HS_LEVEL
 } // namespace hs

@@ -170,8 +170,8 @@ Index components(Size size, const Byte *mask, const Byte *other, Run *runs, Inde
     return count;
 }
 
-void overlap(Size size, const Byte *mask, const float *shape, const Rectangle &inside, Sight *sight) {
-    sight->expected = sight->both = sight->seen = 0;
+void overlap(Size size, const Byte *mask, const float *shape, const Rectangle &inside, VisiblePart *visible) {
+    visible->expected = visible->both = visible->seen = 0;
     for (Index y = inside.top; y < inside.bottom; ++y) {
         int area = 0, both = 0, seen = 0;
         for (Index x = inside.left; x < inside.right; ++x) {
@@ -180,9 +180,9 @@ void overlap(Size size, const Byte *mask, const float *shape, const Rectangle &i
             seen += own;
             both += part & own;
         }
-        sight->expected += area;
-        sight->both += both;
-        sight->seen += seen;
+        visible->expected += area;
+        visible->both += both;
+        visible->seen += seen;
     }
 }
 

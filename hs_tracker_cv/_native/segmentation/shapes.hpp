@@ -35,7 +35,7 @@ void widen_cross(Size size, const Byte *mask, Byte *out);
 Index components(Size size, const Byte *mask, const Byte *other, Run *runs, Index *heads);
 
 // Inside the frame the pixels of {shape > ½}, those of them in the mask, and those of the mask.
-void overlap(Size size, const Byte *mask, const float *shape, const Rectangle &inside, Sight *sight);
+void overlap(Size size, const Byte *mask, const float *shape, const Rectangle &inside, VisiblePart *visible);
 
 // First and last column and row of a mask, false if it is empty. `columns` receives the largest of the odds between the
 // first and last row, `rows` that between the first and last column.

@@ -3,7 +3,7 @@
 // This header is compiled for every level: static functions only, see planes.hpp.
 #pragma once
 
-#include "arithmetic.hpp"
+#include "../arithmetic.hpp"
 #include "pictures.hpp"
 
 #include <cstdint>

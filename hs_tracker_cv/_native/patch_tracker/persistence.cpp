@@ -1,6 +1,6 @@
 #include "persistence.hpp"
 
-#include "arithmetic.hpp"
+#include "../arithmetic.hpp"
 
 #include <cmath>
 #include <cstdint>
@@ -17,7 +17,7 @@ struct Halves {
 };
 
 // The new means of a row.
-void learn_row(const Kept &before, const Passage &passage, const Persistence &how, Index start, float *means) {
+void learn_row(const Before &before, const Passage &passage, const Persistence &how, Index start, float *means) {
     const Index size = before.height * before.width;
     const float *HS_RESTRICT old_mean = before.means + start, *HS_RESTRICT old_deviation = old_mean + size;
     const float *HS_RESTRICT old_mask = old_deviation + size, *HS_RESTRICT weights = before.weights + start;
@@ -41,7 +41,7 @@ float quarter(const float *pixels, Index width, Index j) {
     return 0.25f * ((pixels[2 * j] + pixels[2 * j + 1]) + (pixels[width + 2 * j] + pixels[width + 2 * j + 1]));
 }
 
-void halve_row(const Kept &before, const Passage &passage, Index i, const Halves &halves) {
+void halve_row(const Before &before, const Passage &passage, Index i, const Halves &halves) {
     const Index width = before.width, size = before.height * width, start = 2 * i * width, at = i * halves.width;
     const float *HS_RESTRICT previous = before.previous + start, *HS_RESTRICT patch = passage.patch + start;
     const float *HS_RESTRICT mean = before.means + start, *HS_RESTRICT deviation = mean + size;
@@ -57,10 +57,10 @@ void halve_row(const Kept &before, const Passage &passage, Index i, const Halves
 }
 
 // Where most of the weight moves with the surroundings, that much less is left.
-void leave_row(const Kept &before, const Passage &passage, Index i, const Halves &halves) {
+void leave_row(const Before &before, const Passage &passage, Index i, const Halves &halves) {
     const Index width = before.width, start = 2 * i * width;
     const float *HS_RESTRICT weights = passage.planes + start, *HS_RESTRICT belongs = weights + before.height * width;
-    const float *HS_RESTRICT kept = before.kept + i * halves.width;
+    const float *HS_RESTRICT persistence = before.persistence + i * halves.width;
     float *HS_RESTRICT left = halves.left + i * halves.width;
     const auto sure = [=](Index k) { return weights[k] / (weights[k] + 0.1f); };
 #pragma omp simd
@@ -68,13 +68,13 @@ void leave_row(const Kept &before, const Passage &passage, Index i, const Halves
         const Index k = 2 * j;
         const float weight = 0.25f * ((sure(k) + sure(k + 1)) + (sure(k + width) + sure(k + width + 1)));
         const float strange = 1.0f - 2.0f * quarter(belongs, width, j);
-        left[j] = kept[j] * (1.0f - weight * (strange > 0.0f ? strange : 0.0f));
+        left[j] = persistence[j] * (1.0f - weight * (strange > 0.0f ? strange : 0.0f));
     }
 }
 
 // Move a row of what is left with the flow, drop what changed, take back what looks as it was learned.
-void move_row(const Kept &before, const Passage &passage, const Persistence &how, Index i, const Halves &halves,
-              float *HS_RESTRICT kept) {
+void move_row(const Before &before, const Passage &passage, const Persistence &how, Index i, const Halves &halves,
+              float *HS_RESTRICT persistence) {
     const Index width = halves.width, at = i * width;
     const double middle_x = 0.5 * (width - 1), middle_y = 0.5 * (halves.height - 1), up = i - middle_y;
     const double from_x = passage.right + middle_x - passage.sine * up;
@@ -96,11 +96,12 @@ void move_row(const Kept &before, const Passage &passage, const Persistence &how
         const double seen = a * previous[k] + b * previous[k + 1] + c * previous[low] + d * previous[low + 1];
         const double value = held * within((how.changed - std::fabs(seen - now[j])) * span, 0.0, 1.0);
         const double error = static_cast<double>(now[j] - mean[j]) / (10.0 + deviation[j]);
-        kept[j] = static_cast<float>(value + how.rate * decay(error * error) * (body[j] - value));
+        persistence[j] = static_cast<float>(value + how.rate * decay(error * error) * (body[j] - value));
     }
 }
 
-void keep(const Kept &before, const Passage &passage, const Persistence &how, float *room, float *kept, float *means) {
+void update_persistence(const Before &before, const Passage &passage, const Persistence &how, float *room,
+                        float *persistence, float *means) {
     const Index height = before.height / 2, width = before.width / 2, size = height * width;
     const Halves halves{room, room + size, room + 2 * size, room + 3 * size, room + 4 * size, height, width};
     for (Index y = 0; y < before.height; ++y) learn_row(before, passage, how, y * before.width, means);
@@ -108,11 +109,11 @@ void keep(const Kept &before, const Passage &passage, const Persistence &how, fl
         halve_row(before, passage, i, halves);
         leave_row(before, passage, i, halves);
     }
-    for (Index i = 0; i < height; ++i) move_row(before, passage, how, i, halves, kept + i * width);
+    for (Index i = 0; i < height; ++i) move_row(before, passage, how, i, halves, persistence + i * width);
 }
 
 } // namespace
 
-extern const PersistenceKernels HS_JOIN(persistence, HS_LEVEL) = {keep};
+extern const PersistenceKernels HS_JOIN(persistence, HS_LEVEL) = {update_persistence};
 
 } // namespace hs

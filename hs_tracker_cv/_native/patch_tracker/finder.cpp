@@ -3,7 +3,7 @@
 // Filter: F. Li and others, "Learning spatial-temporal regularized correlation filters for visual tracking", CVPR 2018.
 #include "finder.hpp"
 
-#include "arithmetic.hpp"
+#include "../arithmetic.hpp"
 #include "turned.hpp"
 
 #include <cmath>

@@ -15,7 +15,7 @@ from .finder import PATCH, Scene
 from .patches import Place
 from .state import Before, Geometry, Pose
 
-__all__ = ["Patch", "View"]
+__all__ = ["Patch", "Sampler"]
 
 F32 = NDArray[np.float32]
 
@@ -38,7 +38,7 @@ class Patch(NamedTuple):
     keys: list[float]
 
 
-class View:
+class Sampler:
     """The part of a frame round the object, cut once and sampled often."""
 
     def __init__(self, frame: Frame, geometry: Geometry, pose: Pose, templates: F32, before: Before | None) -> None:

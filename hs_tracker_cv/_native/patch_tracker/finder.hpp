@@ -4,8 +4,8 @@
 // real part of complex numbers whose imaginary part is the second half: so one complex transform serves two channels.
 #pragma once
 
+#include "../planes.hpp"
 #include "pictures.hpp"
-#include "planes.hpp"
 
 namespace hs {
 

@@ -2,7 +2,7 @@
 // tomographic image reconstruction", Bulletin of the ISI 1987; the scale is the median residual.
 #include "motion_fit.hpp"
 
-#include "arithmetic.hpp"
+#include "../arithmetic.hpp"
 
 #include <cmath>
 

@@ -1,6 +1,6 @@
 #include "patches.hpp"
 
-#include "arithmetic.hpp"
+#include "../arithmetic.hpp"
 #include "turned.hpp"
 
 #include <cmath>

@@ -1,7 +1,7 @@
 // The motion of an object, fitted to the flow inside its patch.
 #pragma once
 
-#include "planes.hpp"
+#include "../planes.hpp"
 
 #include <cstdint>
 

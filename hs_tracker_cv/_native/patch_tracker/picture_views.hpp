@@ -1,8 +1,8 @@
 // Pictures and places that Python hands over, checked.
 #pragma once
 
+#include "../views.hpp"
 #include "pictures.hpp"
-#include "views.hpp"
 
 namespace hs {
 

@@ -1,7 +1,7 @@
 // What Python sees of the patch tracker.
 #include "patch_bindings.hpp"
 
-#include "levels.hpp"
+#include "../levels.hpp"
 #include "picture_views.hpp"
 
 #include <nanobind/stl/tuple.h>
@@ -138,30 +138,31 @@ Persistence persistence(double same, double changed, double rate, double mean_ra
     return {same, changed, rate, mean_rate, mask_rate, floor};
 }
 
-void keep(nb::handle kept, nb::handle body, nb::handle previous, nb::handle means, nb::handle weights,
-          nb::handle planes, nb::handle flow, nb::handle patch, double right, double down, double cosine, double sine,
-          double same, double changed, double rate, double mean_rate, double mask_rate, double floor, nb::handle out,
-          nb::handle learned) {
-    const Array<const float, 2> was_kept(kept, "kept"), object(body, "body"), before(previous, "previous");
+void update_persistence(nb::handle last, nb::handle body, nb::handle previous, nb::handle means, nb::handle weights,
+                        nb::handle planes, nb::handle flow, nb::handle patch, double right, double down, double cosine,
+                        double sine, double same, double changed, double rate, double mean_rate, double mask_rate,
+                        double floor, nb::handle out, nb::handle learned) {
+    const Array<const float, 2> persistent(last, "persistence"), object(body, "body"), before(previous, "previous");
     const Array<const float, 2> place(weights, "weights"), now(patch, "patch");
     const Array<const float, 3> old(means, "means"), fitted(planes, "planes"), field(flow, "flow");
-    const Array<float, 2> is_kept(out, "out");
+    const Array<float, 2> updated(out, "out");
     const Array<float, 3> fresh(learned, "learned");
-    const Py_ssize_t rows = was_kept.size(0), columns = was_kept.size(1), height = 2 * rows, width = 2 * columns;
-    expect_sides("kept", rows, columns, 2);
+    const Py_ssize_t rows = persistent.size(0), columns = persistent.size(1), height = 2 * rows, width = 2 * columns;
+    expect_sides("persistence", rows, columns, 2);
     object.expect({rows, columns});
     for (const auto *plane : {&before, &place, &now}) plane->expect({height, width});
     old.expect({4, height, width});
     fitted.expect({3, height, width});
     field.expect({height, width, 2});
-    is_kept.expect({rows, columns});
+    updated.expect({rows, columns});
     fresh.expect({4, height, width});
     const Persistence how = persistence(same, changed, rate, mean_rate, mask_rate, floor);
     nb::gil_scoped_release release;
     const std::unique_ptr<float[]> room(new float[keep_room(height, width)]);
-    level().persistence.keep({was_kept.data(), object.data(), before.data(), old.data(), place.data(), height, width},
-                             {fitted.data(), field.data(), now.data(), right, down, cosine, sine}, how, room.get(),
-                             is_kept.data(), fresh.data());
+    level().persistence.update(
+        {persistent.data(), object.data(), before.data(), old.data(), place.data(), height, width},
+        {fitted.data(), field.data(), now.data(), right, down, cosine, sine}, how, room.get(), updated.data(),
+        fresh.data());
 }
 
 } // namespace
@@ -177,9 +178,9 @@ void bind_patch_tracker(nb::module_ &module) {
                "inside"_a.none(), "rate"_a, "old"_a.none(), "learned"_a.none());
     module.def("fit_motion", &fit_motion, "first"_a.none(), "second"_a.none(), "flow"_a.none(), "prior"_a.none(),
                "likelihood"_a.none(), "ratio"_a, "outside"_a.none(), "rotation"_a, "separation"_a, "planes"_a.none());
-    module.def("keep", &keep, "kept"_a.none(), "body"_a.none(), "previous"_a.none(), "means"_a.none(),
-               "weights"_a.none(), "planes"_a.none(), "flow"_a.none(), "patch"_a.none(), "right"_a, "down"_a,
-               "cosine"_a, "sine"_a, "same"_a, "changed"_a, "rate"_a, "mean_rate"_a, "mask_rate"_a, "floor"_a,
+    module.def("update_persistence", &update_persistence, "persistence"_a.none(), "body"_a.none(), "previous"_a.none(),
+               "means"_a.none(), "weights"_a.none(), "planes"_a.none(), "flow"_a.none(), "patch"_a.none(), "right"_a,
+               "down"_a, "cosine"_a, "sine"_a, "same"_a, "changed"_a, "rate"_a, "mean_rate"_a, "mask_rate"_a, "floor"_a,
                "out"_a.none(), "learned"_a.none());
 }
 

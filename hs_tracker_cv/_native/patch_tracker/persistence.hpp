@@ -1,14 +1,14 @@
 // How much of what was in a box is still in it, and the running means of what is seen there.
 #pragma once
 
-#include "planes.hpp"
+#include "../planes.hpp"
 
 namespace hs {
 
 // What is known of the frame before. Patches are (height, width), what is kept of them (height / 2, width / 2).
-struct Kept {
-    const float *kept, *body; // what was kept, and the object's pixels
-    const float *previous;    // patch
+struct Before {
+    const float *persistence, *body; // what was kept, and the object's pixels
+    const float *previous;           // patch
     // (4, height, width): mean patch; mean absolute deviation from it; share of "moves with the object"; prior weight
     // of each pixel in the fit of the flow, which follows from the last two.
     const float *means;
@@ -35,8 +35,8 @@ static constexpr Index keep_room(Index height, Index width) { return 5 * (height
 
 struct PersistenceKernels {
     // Writes what is kept (height / 2, width / 2) and the new means.
-    void (*keep)(const Kept &before, const Passage &passage, const Persistence &how, float *room, float *kept,
-                 float *means);
+    void (*update)(const Before &before, const Passage &passage, const Persistence &how, float *room,
+                   float *persistence, float *means);
 };
 
 extern const PersistenceKernels persistence_plain, persistence_v2, persistence_v3, persistence_v4;

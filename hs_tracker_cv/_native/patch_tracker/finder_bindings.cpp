@@ -1,8 +1,8 @@
 // What Python sees of the finder.
 #include "finder_bindings.hpp"
 
+#include "../levels.hpp"
 #include "finder.hpp"
-#include "levels.hpp"
 #include "peak.hpp"
 #include "picture_views.hpp"
 

@@ -1,8 +1,8 @@
 // What the patch tracker reads of a picture: the patch that the flow is computed on, and the object's colours.
 #pragma once
 
+#include "../planes.hpp"
 #include "pictures.hpp"
-#include "planes.hpp"
 
 #include <cstdint>
 
