@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,9 +24,9 @@ def _scene(*movers: Drawn, frames: int) -> Scene:
 
 def _two() -> Scene:
     """Two that cross the frame, the second later; both leave it."""
-    one = Drawn("box", (40, 40), (200, 60), (4.0, 0.0), 0.0, 0, COIN)
-    two = Drawn("box", (50, 50), (120, 180), (-4.0, 0.0), 0.0, 24, DOTS)
-    return _scene(one, two, frames=80)
+    one = Drawn("box", (40, 40), (120, 50), (4.0, 0.0), 0.0, 0, COIN)
+    two = Drawn("box", (50, 50), (120, 130), (-4.0, 0.0), 0.0, 24, DOTS)
+    return replace(_scene(one, two, frames=68), size=(240, 180))
 
 
 class _Told:

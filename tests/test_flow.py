@@ -90,7 +90,7 @@ def test_classic_goes_on_from_a_start_field():
     np.testing.assert_allclose(ten.calc(frame0, frame1, ten.calc(frame0, frame1)), twenty, atol=REFERENCE_TOLERANCE)
 
 
-@pytest.mark.parametrize("shape", [(64, 64), (97, 131), (255, 254)])
+@pytest.mark.parametrize("shape", [(64, 64), (97, 131), (145, 142)])
 @pytest.mark.parametrize("smoothness", [5.0, 15.0])
 def test_solve_equals_a_direct_solve(shape, smoothness):
     """Mode "solve" agrees with scipy's sparse LU within 1e-4 px."""

@@ -369,7 +369,7 @@ def test_rois_of_four_numbers_are_taken_exactly_when_enough_is_inside(roi: tuple
         assert not tracker.initialised
 
 
-@examples(200)
+@examples(80)
 @given(thing=anything(), kind=st.sampled_from(KINDS))
 def test_any_object_mid_track_is_answered_or_refused(thing: Any, kind: tuple[str, int]) -> None:
     """What cannot be a frame of the video changes nothing; what can is answered, and the next good frame too."""

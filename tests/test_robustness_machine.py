@@ -1,6 +1,6 @@
 """Calls in any order: a tracker that sees garbage, copies and reused buffers answers as its sheltered twin does.
 
-Sixty generated sequences here; ``python -m benchmarks.fuzz calls`` makes 10,000.
+Thirty generated sequences here; ``python -m benchmarks.fuzz calls`` makes 10,000.
 """
 
 from __future__ import annotations
@@ -154,4 +154,4 @@ class Twins(RuleBasedStateMachine):
 
 
 TestTwins = Twins.TestCase
-TestTwins.settings = examples(60)
+TestTwins.settings = examples(30)

@@ -123,7 +123,7 @@ def edits(draw: st.DrawFn, old: Any) -> Any:
 
 
 @pytest.mark.filterwarnings("ignore:Casting complex")
-@examples(200)
+@examples(120)
 @given(data=st.data(), case=tracks())
 def test_an_edited_track_is_refused_or_goes_on(
     data: st.DataObject, case: tuple[TrackerHS, list[NDArray[Any]]]

@@ -146,7 +146,7 @@ def finished(frame: Picture, story: Story, rng: np.random.Generator) -> NDArray[
     return (noisy * {"uint8": 1.0, "uint16": 257.0, "float32": 1 / 255}[story.dtype]).astype(story.dtype)
 
 
-@examples(30)
+@examples(18)
 @given(story=stories())
 def test_every_frame_of_every_story_is_answered(story: Story) -> None:
     """No exception and no answer without sense; several objects of one video are answered as each is alone."""

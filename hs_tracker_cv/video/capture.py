@@ -28,6 +28,7 @@ _SLACK = 1024  # bytes by which writers are wrong about their own files
 _PROBED = 250  # frames in which a repeated one makes us ask the decoder why
 _GAP_SECONDS, _GAP_SHARE = 1.0, 0.1  # an end without frames that is worth a remark
 _GRAY16 = int.from_bytes(b"Y1\x00\x10", "little")
+_TEXT = int.from_bytes(b"ansi", "little")  # what FFmpeg takes any text for whose name it knows
 
 _SILENCING = ("OPENCV_LOG_LEVEL", "OPENCV_FFMPEG_LOGLEVEL", "OPENCV_FFMPEG_DEBUG")
 _PROBE = """
@@ -55,6 +56,9 @@ def open_file(path: Path, start: int, step: int, gain: float | None) -> VideoSou
     capture = cv2.VideoCapture(name)
     if not capture.isOpened():
         raise VideoError(f"{path}: is not a video that OpenCV can open (damaged, or an unknown format)")
+    if int(capture.get(cv2.CAP_PROP_FOURCC)) == _TEXT:
+        capture.release()
+        raise VideoError(f"{path}: is a text, which FFmpeg would show letter by letter, and no video")
     reading = _Reading(str(path), capture, start, step, gain)
     reading.begin(name)
     ending = f"the file is cut off: {missing} bytes are missing" if missing else ""
