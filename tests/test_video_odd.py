@@ -61,6 +61,15 @@ def test_a_variable_frame_rate_is_no_damage(tmp_path: Path, suffix: str) -> None
         assert source.remarks == []
 
 
+@pytest.mark.parametrize("text", ["17\n" * 300, "x,y,w,h\n" + "1,2,3,4\n" * 200])
+def test_a_text_is_no_video(tmp_path: Path, text: str) -> None:
+    """FFmpeg makes pictures of letters of what is called .txt: one line says so, and nothing is followed in them."""
+    path = tmp_path / "boxes.txt"
+    path.write_text(text)
+    with pytest.raises(VideoError, match=r"boxes\.txt: is a text, which FFmpeg would show letter by letter"):
+        open_source(path)
+
+
 INTERLACED = {
     "mpeg2.ts": ["-vf", "interlace", "-c:v", "mpeg2video", "-flags", "+ildct+ilme"],
     "mpeg2.mpg": ["-vf", "interlace", "-c:v", "mpeg2video", "-flags", "+ildct+ilme"],
