@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeGuard
 
 import cv2
 import numpy as np
@@ -28,7 +28,6 @@ __all__ = [
     "draw",
     "draw_box",
     "draw_boxes",
-    "draw_fields",
     "draw_layers",
     "draw_panel",
     "flow_colours",
@@ -60,6 +59,8 @@ TITLE_HEIGHT = 26
 FOOTER_HEIGHT = 30
 COLUMNS = 4
 FLOW_PERCENTILE = 99.0
+SAMPLES = 20_000
+"""Pixels from which the scale of a panel is taken, about."""
 STEEP = 3.0
 """Gradient, gray levels per px, from which the normal flow is shown."""
 
@@ -77,6 +78,10 @@ PANELS: dict[str, tuple[str, str]] = {
     "corners": ("Corners and box", "step 12"),
 }
 """The panels of :func:`draw_panel`: title, and where the paper has it."""
+
+
+WINDOW_PANELS = ("frame", "Fx", "Fy", "Ft", "arrows", "colours", "normal", "segmentation")
+"""Those there are of a tracker's window, or of the detector's frame."""
 
 
 class FlowFields(Protocol):
@@ -166,11 +171,10 @@ def draw_box(
         cv2.rectangle(picture, (0, 0), (width - 1, height - 1), colour, 4 * line)
     if box is not None:
         _draw_rectangle(picture, box, colour, line, 1.0)
-        if score is not None:
-            _plate(picture, f"{score:.2f}", (box.x, box.y - 3 * line), colour, anchor="above")
     words = "   ".join(part for part in (note, "" if state == "tracking" else state.upper()) if part)
-    if words:
-        _plate(picture, words, (6 * line, 6 * line), colour, anchor="below")
+    taken = [_plate(picture, words, (6 * line, 6 * line), colour)] if words else []
+    if box is not None and score is not None:
+        _label(picture, f"{score:.2f}", box, colour, 3 * line, taken)
     return picture
 
 
@@ -195,14 +199,28 @@ def draw_boxes(
     """
     picture = _as_bgr(image)
     line = max(1, round(min(picture.shape[:2]) / 280))
-    for box, colour, words in boxes:
+    for box, colour, _ in boxes:
         _draw_rectangle(picture, box, colour, line, 1.0)
-        if words:
-            _plate(picture, words, (box.x, box.y - 3 * line), colour, anchor="above")
-    y = 6.0 * line
+    taken: list[Box] = []
     for words, colour in notes:
-        y += _plate(picture, words, (6 * line, y), colour, anchor="below")
+        taken.append(_plate(picture, words, (6 * line, taken[-1].bottom if taken else 6 * line), colour))
+    for box, colour, words in boxes:
+        if words:
+            taken.append(_label(picture, words, box, colour, 3 * line, taken))
     return picture
+
+
+def _label(picture: Picture, words: str, box: Box, colour: Colour, gap: int, taken: Sequence[Box]) -> Box:
+    """Write beside a box where nothing is written yet, above it at best; returns the plate."""
+    width, height = _plate_size(picture, words)
+    places = [
+        _held_inside(picture, Box(x, y, width, height))
+        for y in (box.y - gap - height, box.bottom + gap, box.y + gap, box.bottom - gap - height)
+        for x in (box.x, box.right - width)
+    ]
+    free = (place for place in places if not any(place.intersection(other).area for other in taken))
+    place = next(free, places[0])
+    return _plate(picture, words, (place.x, place.y), colour)
 
 
 def _as_bgr(image: Any) -> Picture:
@@ -214,7 +232,7 @@ def _as_bgr(image: Any) -> Picture:
 
 
 def _gray_to_bgr(gray: NDArray[Any]) -> Picture:
-    levels = np.clip(np.rint(gray), 0, 255).astype(np.uint8)
+    levels = cv2.convertScaleAbs(np.maximum(gray, 0)) if gray.dtype != np.uint8 else gray
     return np.asarray(cv2.cvtColor(levels, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
 
 
@@ -226,22 +244,38 @@ def _draw_rectangle(picture: Picture, box: Box, colour: Colour, line: int, scale
     cv2.rectangle(picture, (left, top), (right, bottom), colour, line, cv2.LINE_AA, shift)
 
 
-def _plate(picture: Picture, words: str, at: tuple[float, float], colour: Colour, *, anchor: str) -> int:
-    """Write on a dark plate above or below a point, kept inside the picture; returns the plate's height."""
+def _letters(picture: Picture) -> float:
+    """Size of letters that can be read on a picture."""
+    return min(max(min(picture.shape[:2]) / 700, 0.38), 1.2)
+
+
+def _plate_size(picture: Picture, words: str) -> tuple[int, int]:
+    (width, height), base = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, _letters(picture), 1)
+    pad = _padding(base)
+    return width + 2 * pad, height + base + pad
+
+
+def _padding(base: int) -> int:
+    return max(3, base // 2 + 1)
+
+
+def _held_inside(picture: Picture, plate: Box) -> Box:
     height, width = picture.shape[:2]
-    size = min(max(min(height, width) / 700, 0.38), 1.2)
-    (text_width, text_height), base = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, size, 1)
-    pad = max(3, base // 2 + 1)
-    plate_width, plate_height = text_width + 2 * pad, text_height + base + pad
-    x = round(min(max(at[0], 0), max(width - plate_width, 0)))
-    y = at[1] - plate_height if anchor == "above" else at[1]
-    y = round(min(max(y, 0), max(height - plate_height, 0)))
-    area = picture[y : y + plate_height, x : x + plate_width]
+    x = round(min(max(plate.x, 0), max(width - plate.w, 0)))
+    y = round(min(max(plate.y, 0), max(height - plate.h, 0)))
+    return Box(x, y, plate.w, plate.h)
+
+
+def _plate(picture: Picture, words: str, at: tuple[float, float], colour: Colour) -> Box:
+    """Write on a dark plate whose upper left corner is at a point, kept inside the picture; returns the plate."""
+    plate = _held_inside(picture, Box(*at, *_plate_size(picture, words)))
+    x, y, width, height = (int(side) for side in plate)
+    area = picture[y : y + height, x : x + width]
     area[:] = area // 4
-    cv2.putText(
-        picture, words, (x + pad, y + pad + text_height), cv2.FONT_HERSHEY_DUPLEX, size, colour, 1, cv2.LINE_AA
-    )
-    return plate_height
+    (_, high), base = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, _letters(picture), 1)
+    start = (x + _padding(base), y + _padding(base) + high)
+    cv2.putText(picture, words, start, cv2.FONT_HERSHEY_DUPLEX, _letters(picture), colour, 1, cv2.LINE_AA)
+    return plate
 
 
 def nice_scale(values: NDArray[Any], *, floor: float) -> float:
@@ -368,19 +402,30 @@ def draw_panel(name: str, fields: StageFields, *, width: int = 480) -> tuple[Pic
 
 
 def _draw_frame(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
-    return _fit(_gray_to_bgr(fields.current), size), ""
+    return _gray_picture(fields, size), ""
+
+
+def _gray_picture(fields: FlowFields, size: tuple[int, int], light: float = 1.0) -> Picture:
+    return _gray_to_bgr(_fit(fields.current, size) * np.float32(light))
 
 
 def _draw_derivative(name: str, fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
     # One scale for the three: only then can the eye weigh them against each other.
-    scale = max(nice_scale(field[::2, ::2], floor=5.0) for field in (fields.Fx, fields.Fy, fields.Ft))
+    scale = max(nice_scale(_sampled(field), floor=5.0) for field in (fields.Fx, fields.Fy, fields.Ft))
     unit = "frame" if name == "Ft" else "px"
     note = f"blue −{scale:g}, orange +{scale:g} gray levels per {unit}"
-    return _fit(signed_colours(getattr(fields, name), scale), size), note
+    return _fit(signed_colours(_smaller(getattr(fields, name), size), scale), size), note
+
+
+def _sampled(field: NDArray[Any]) -> NDArray[Any]:
+    """As many of its rows and columns as tell its scale."""
+    apart = max(math.isqrt(field.shape[0] * field.shape[1] // SAMPLES), 1)
+    return field[::apart, ::apart]
 
 
 def _speed_scale(flow: NDArray[Any]) -> float:
-    return nice_scale(cv2.magnitude(flow[..., 0], flow[..., 1]), floor=0.1)
+    sample = _sampled(flow)
+    return nice_scale(np.hypot(sample[..., 0], sample[..., 1]), floor=0.1)
 
 
 def _draw_arrows(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
@@ -404,16 +449,18 @@ def _draw_normal(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, s
 
 
 def _flow_picture(flow: NDArray[Any], speed: float, size: tuple[int, int]) -> Picture:
-    """Colours of a flow, fitted: what is shown smaller is averaged first, which is less to colour."""
-    scale = _fit_scale(flow.shape, size)
-    if scale < 1:
-        flow = cv2.resize(flow, (size[0], size[1]), interpolation=cv2.INTER_AREA)
-    return _fit(flow_colours(flow, speed), size)
+    return _fit(flow_colours(_smaller(flow, size), speed), size)
+
+
+def _smaller(field: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
+    """A field averaged down to the size it is shown at: that is less to colour. What is shown larger stays."""
+    return cv2.resize(field, size, interpolation=cv2.INTER_AREA) if _fit_scale(field.shape, size) < 1 else field
 
 
 def _draw_threshold(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
-    share = float(fields.moving.mean())
-    return _fit(_gray_to_bgr(fields.moving * 255.0), size), f"white: above it, {100 * share:.2g} % of the frame"
+    share = np.count_nonzero(fields.moving) / fields.moving.size
+    white = _fit(fields.moving.view(np.uint8) * np.uint8(255), size)
+    return _gray_to_bgr(white), f"white: above it, {100 * share:.2g} % of the frame"
 
 
 def _draw_segmentation(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
@@ -421,7 +468,7 @@ def _draw_segmentation(fields: StageFields, size: tuple[int, int]) -> tuple[Pict
 
 
 def _draw_corners(fields: StageFields, size: tuple[int, int]) -> tuple[Picture, str]:
-    picture = _fit(_gray_to_bgr(fields.current * 0.7), size)
+    picture = _gray_picture(fields, size, 0.7)
     scale = size[0] / fields.window.w
     for x, y in (fields.corners + 0.5) * scale - 0.5:
         cv2.circle(picture, (round(float(x) * 16), round(float(y) * 16)), 40, ARROW, -1, cv2.LINE_AA, 4)
@@ -446,16 +493,18 @@ _DRAWN: dict[str, Callable[[StageFields, tuple[int, int]], tuple[Picture, str]]]
 
 @fixed_errstate
 def draw(
-    stages: StageFields, panels: Sequence[str] = tuple(PANELS), *, width: int = 320, columns: int = 4
+    fields: FlowFields, panels: Sequence[str] | None = None, *, width: int = 320, columns: int = COLUMNS
 ) -> Picture:
-    """The paper's method on two frames as one picture: the panels of its window, each with its step.
+    """What a step has computed, as one picture: the panels of the paper's window.
 
     Parameters
     ----------
-    stages : StageFields
-        The result of :meth:`PaperMethod.calc <hs_tracker_cv.PaperMethod.calc>`.
-    panels : sequence of str
-        At least one of frame, Fx, Fy, Ft, arrows, colours, normal, threshold, segmentation and corners.
+    fields : FlowFields
+        The result of :meth:`PaperMethod.calc <hs_tracker_cv.PaperMethod.calc>`, of ``MotionDetector.fields``, or of
+        ``TrackerHS.debug()``, which shows the tracker's window.
+    panels : sequence of str, optional
+        Some of frame, Fx, Fy, Ft, arrows, colours, normal, threshold, segmentation and corners; by default all that
+        there are: threshold and corners are the paper's, and only PaperMethod has them.
     width : int
         Of one panel, px.
     columns : int
@@ -471,34 +520,24 @@ def draw(
     ValueError
         If there is no such panel, or none is asked for.
     """
-    if not panels:
-        raise ValueError(f"expected at least one of {', '.join(PANELS)}, got none")
-    pictures = [draw_panel(name, stages, width=width)[0] for name in panels]
-    return tile_panels(
-        [(*PANELS[name], picture) for name, picture in zip(panels, pictures, strict=True)], columns=columns
-    )
+    known = tuple(PANELS) if _has_stages(fields) else WINDOW_PANELS
+    chosen = known if panels is None else tuple(panels)
+    unknown = [name for name in chosen if name not in known]
+    if unknown or not chosen:
+        raise ValueError(f"expected some of {', '.join(known)}, got {unknown[0]!r}" if unknown else
+                         f"expected at least one of {', '.join(known)}, got none")
+    if _has_stages(fields):
+        pictures = [draw_panel(name, fields, width=width)[0] for name in chosen]
+        tiles = [(*PANELS[name], picture) for name, picture in zip(chosen, pictures, strict=True)]
+        return tile_panels(tiles, columns=columns)
+    size = (width, max(round(width * fields.current.shape[0] / fields.current.shape[1]), 1))
+    shown = {"frame": _tile(_gray_to_bgr(fields.current), size, "Window"), **_field_tiles(fields, None, "tracking", size)}
+    return _grid([shown[name] for name in chosen], columns)
 
 
-@fixed_errstate
-def draw_fields(fields: FlowFields, *, width: int = 320) -> Picture:
-    """What a tracker saw in its window, or the detector in the frame, without the frame itself.
-
-    Parameters
-    ----------
-    fields : FlowFields
-        The result of ``TrackerHS.debug()`` or ``MotionDetector.fields``.
-    width : int
-        Of one panel, px.
-
-    Returns
-    -------
-    ndarray, shape (H, W, 3), uint8
-    """
-    height, columns = fields.current.shape
-    size = (width, max(round(width * height / columns), 1))
-    tiles = [_tile(_gray_to_bgr(fields.current), size, "Window"), *_field_tiles(fields, None, "tracking", size)]
-    rows = [_beside(tiles[start : start + COLUMNS]) for start in range(0, len(tiles), COLUMNS)]
-    return np.vstack([*rows, np.full((GAP, rows[0].shape[1], 3), CANVAS, np.uint8)])
+def _has_stages(fields: FlowFields) -> TypeGuard[StageFields]:
+    # Asked of the type: the stages are computed when they are looked at.
+    return hasattr(type(fields), "corners")
 
 
 def png(picture: Picture) -> bytes:
@@ -552,9 +591,15 @@ def tile_panels(panels: Sequence[tuple[str, str, Picture]], *, columns: int = 3)
     ndarray, shape (H, W, 3), uint8
     """
     height, width = panels[0][2].shape[:2]
-    tiles = [_tile(picture, (width, height), _ascii(title), _ascii(note)) for title, note, picture in panels]
-    tiles += [np.full_like(tiles[0], CANVAS)] * (-len(tiles) % min(columns, len(tiles)))
+    return _grid(
+        [_tile(picture, (width, height), _ascii(title), _ascii(note)) for title, note, picture in panels], columns
+    )
+
+
+def _grid(tiles: list[Picture], columns: int) -> Picture:
+    """Tiles of one size in rows, with a gap round them."""
     per_row = min(columns, len(tiles))
+    tiles = tiles + [np.full_like(tiles[0], CANVAS)] * (-len(tiles) % per_row)
     rows = [_beside(tiles[start : start + per_row]) for start in range(0, len(tiles), per_row)]
     return np.vstack([*rows, np.full((GAP, rows[0].shape[1], 3), CANVAS, np.uint8)])
 
@@ -601,7 +646,7 @@ def render_panels(
     height, width = picture.shape[:2]
     size = (tile_width, round(tile_width * min(max(height / width, 0.5), 1.0)))
     tiles = [_frame_tile(picture, fields, box, state, size)]
-    tiles += _field_tiles(fields, box, state, size) if fields is not None else _empty_tiles(size)
+    tiles += _field_tiles(fields, box, state, size).values() if fields is not None else _empty_tiles(size)
     rows = [_beside(tiles[start : start + COLUMNS]) for start in range(0, len(tiles), COLUMNS)]
     footer = _footer(rows[0].shape[1], box, state, score, note)
     return np.vstack([*rows, footer])
@@ -662,13 +707,13 @@ def _fit_scale(shape: tuple[int, ...], size: tuple[int, int]) -> float:
     return min(size[0] / shape[1], size[1] / shape[0])
 
 
-def _fit(content: Picture, size: tuple[int, int]) -> Picture:
+def _fit(content: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
     scale = _fit_scale(content.shape, size)
     width = min(max(round(content.shape[1] * scale), 1), size[0])
     height = min(max(round(content.shape[0] * scale), 1), size[1])
     # Enlarged pixels stay square: what was computed is shown, not what could be drawn between.
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
-    return np.asarray(cv2.resize(content, (width, height), interpolation=method), dtype=np.uint8)
+    return cv2.resize(content, (width, height), interpolation=method)
 
 
 def _frame_tile(
@@ -688,22 +733,27 @@ def _empty_tiles(size: tuple[int, int]) -> list[Picture]:
     return [_tile(blank, size, title) for title in ("Fx", "Fy", "Ft", "Flow", "Flow, colour", "Normal flow", "Mask")]
 
 
-def _field_tiles(fields: FlowFields, box: Box | None, state: str, size: tuple[int, int]) -> list[Picture]:
+def _field_tiles(fields: FlowFields, box: Box | None, state: str, size: tuple[int, int]) -> dict[str, Picture]:
+    """The panels of a window but the frame, by name."""
     # One scale for the three derivatives: only then can the eye weigh them against each other.
     levels = max(nice_scale(field, floor=5.0) for field in (fields.Fx, fields.Fy, fields.Ft))
     speed = nice_scale(np.hypot(fields.flow[..., 0], fields.flow[..., 1]), floor=0.5)
     frame_speed = speed * fields.step
-    tiles = [
-        _tile(signed_colours(field, levels), size, title, f"+/-{levels:g}", bar=True)
-        for title, field in (("Fx", fields.Fx), ("Fy", fields.Fy), ("Ft", fields.Ft))
-    ]
-    tiles.append(_tile(_arrows(fields, speed, size), size, "Flow", f"longest {frame_speed:.3g} px/frame"))
     coloured = _fit(flow_colours(fields.flow, speed), size)
     _legend(coloured)
-    tiles.append(_tile(coloured, size, "Flow, colour", f"rim {frame_speed:.3g} px/frame"))
-    tiles.append(_normal_tile(fields, speed, size))
-    tiles.append(_tile(_mask_picture(fields, box, state, size), size, "Mask and box"))
-    return tiles
+    slopes = {
+        title: _tile(signed_colours(field, levels), size, title, f"+/-{levels:g}", bar=True)
+        for title, field in (("Fx", fields.Fx), ("Fy", fields.Fy), ("Ft", fields.Ft))
+    }
+    return {
+        **slopes,
+        "arrows": _tile(_arrows(fields, speed, size), size, "Flow", f"longest {frame_speed:.3g} px/frame"),
+        "colours": _tile(coloured, size, "Flow, colour", f"rim {frame_speed:.3g} px/frame"),
+        "normal": _normal_tile(fields, speed, size),
+        "segmentation": _tile(
+            _mask_picture(fields, box, state, size), size, "Mask" if box is None else "Mask and box"
+        ),
+    }
 
 
 def _normal_tile(fields: FlowFields, speed: float, size: tuple[int, int]) -> Picture:
@@ -713,25 +763,26 @@ def _normal_tile(fields: FlowFields, speed: float, size: tuple[int, int]) -> Pic
 def _steep_only(fields: FlowFields) -> NDArray[np.float32]:
     """Normal flow where there is a gradient; elsewhere it is noise divided by nothing: shown as no motion."""
     steep = cv2.magnitude(fields.Fx, fields.Fy) >= STEEP
-    return np.asarray(np.where(steep[..., None], fields.normal_flow, 0.0), np.float32)
+    return np.asarray(cv2.copyTo(fields.normal_flow, steep.view(np.uint8)), np.float32)
 
 
 def _arrows(fields: FlowFields, speed: float, size: tuple[int, int]) -> Picture:
     """The flow as arrows on the darkened window, about 18 px apart, the longest 1.5 spacings long."""
-    picture = _fit(_gray_to_bgr(fields.current * 0.55), size)
+    picture = _gray_picture(fields, size, 0.55)
     scale = _fit_scale(fields.current.shape, size)
     height, width = fields.current.shape
     spacing, unit = 18.0 / scale, 1.5 * 18.0 / speed
-    for y in np.arange(spacing / 2, height, spacing):
-        for x in np.arange(spacing / 2, width, spacing):
-            u, v = (float(value) for value in np.nan_to_num(fields.flow[int(y), int(x)]))
-            length = math.hypot(u, v)
-            trim = min(1.0, speed / length) if length > 0 else 0.0
-            _arrow(picture, (x * scale, y * scale), (u * trim * unit, v * trim * unit))
+    ys, xs = np.arange(spacing / 2, height, spacing), np.arange(spacing / 2, width, spacing)
+    vectors = np.nan_to_num(fields.flow[np.ix_(ys.astype(int), xs.astype(int))])
+    length = np.hypot(vectors[..., 0], vectors[..., 1])
+    vectors = vectors * (unit * np.minimum(1.0, speed / np.maximum(length, 1e-9)))[..., None]
+    for y, row in zip(ys.tolist(), vectors.tolist(), strict=True):
+        for x, vector in zip(xs.tolist(), row, strict=True):
+            _arrow(picture, (x * scale, y * scale), vector)
     return picture
 
 
-def _arrow(picture: Picture, start: tuple[float, float], vector: tuple[float, float]) -> None:
+def _arrow(picture: Picture, start: tuple[float, float], vector: Sequence[float]) -> None:
     shift = 4
     tail = (round(start[0] * 16), round(start[1] * 16))
     head = (round((start[0] + vector[0]) * 16), round((start[1] + vector[1]) * 16))
@@ -756,16 +807,15 @@ def _legend(picture: Picture) -> None:
 
 
 def _mask_picture(fields: FlowFields, box: Box | None, state: str, size: tuple[int, int]) -> Picture:
-    picture = _fit(_gray_to_bgr(fields.current * 0.45), size)
+    picture = _gray_picture(fields, size, 0.45)
     scale = _fit_scale(fields.current.shape, size)
     colour = STATE_COLOURS.get(state, STATE_COLOURS["lost"])
     if fields.mask is not None:
         large = cv2.resize(
             fields.mask.astype(np.uint8), (picture.shape[1], picture.shape[0]), interpolation=cv2.INTER_NEAREST
         )
-        lit = _fit(_gray_to_bgr(fields.current), size)
-        tinted = cv2.addWeighted(lit, 0.75, np.full_like(lit, WINDOW), 0.25, 0.0)
-        picture[large > 0] = tinted[large > 0]
+        lit = _gray_picture(fields, size)
+        cv2.copyTo(cv2.addWeighted(lit, 0.75, np.full_like(lit, WINDOW), 0.25, 0.0), large, picture)
         edges, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         cv2.drawContours(picture, edges, -1, WINDOW, 1, cv2.LINE_AA)
     if box is not None:

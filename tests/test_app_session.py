@@ -395,12 +395,14 @@ def test_the_overlay_has_every_frame_of_the_tracks(
 def test_the_panels_are_a_png(session: Session) -> None:
     """Of all that are chosen; without any it is said why not."""
     with pytest.raises(VideoError, match="no panels"):
-        panels_png(session.panels(["Fx"], 200))
+        panels_png(session, ["Fx"])
     session.go_to(1)
-    png = panels_png(session.panels(["Fx", "arrows"], 200))
+    with pytest.raises(VideoError, match="no panels"):
+        panels_png(session, [])
+    png = panels_png(session, ["Fx", "arrows"])
     picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
-    assert picture.shape[1] == 430
+    assert picture.shape[1] == 2 * 480 + 3 * 10
 
 
 def test_the_program_finds_the_same_boxes(session: Session, square: tuple[Path, list[Box]]) -> None:

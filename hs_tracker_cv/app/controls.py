@@ -158,7 +158,7 @@ class Controls:
             ui.download.content(video, f"{self._stem}.hs.webm", "video/webm")
 
     async def _save_panels(self) -> None:
-        picture = await self._page.do(panels_png, self._page.grid.panels)
+        picture = await self._page.do(panels_png, self._session, self._page.grid.names)
         if isinstance(picture, bytes):
             ui.download.content(picture, f"{self._stem}.{self._session.index:06d}.panels.png", "image/png")
 
@@ -167,9 +167,9 @@ class Controls:
             self._page.complain(VideoError("there is no video yet: open one first"))
             return
         code = snippet(self._session, str(self._page.name.value))
-        with ui.dialog() as dialog, ui.card().classes("w-full max-w-3xl"):
+        with ui.dialog() as dialog, ui.card().style("width: 100%; max-width: 48rem"):
             ui.label("The same boxes and stages in Python").classes("hs-heading")
-            ui.code(code, language="python").classes("w-full").props("data-part=program")
+            ui.code(code, language="python").style("width: 100%").props("data-part=program")
             with ui.element("div").classes("hs-row"):
                 ui.button("Save", on_click=lambda: ui.download.content(code, f"{self._stem}.py", "text/x-python"))
                 ui.button("Close", on_click=dialog.close).props("flat")

@@ -14,11 +14,14 @@ from ..following import write_header, write_row
 from ..params import TrackerHS_Params
 from ..stages import StageParams
 from ..video import VideoError, VideoSink
-from .pictures import Panel, draw_tracks
+from .pictures import draw_tracks
 from .session import Session
 from .tracks import OURS, Track
 
 __all__ = ["overlay_webm", "panels_png", "snippet", "table_csv"]
+
+PANEL_WIDTH = 480
+"""Of a panel that is saved, px."""
 
 
 def table_csv(track: Track) -> str:
@@ -50,14 +53,21 @@ def overlay_webm(session: Session) -> bytes:
         return path.read_bytes()
 
 
-def panels_png(panels: list[Panel]) -> bytes:
-    """The panels in a grid, with their titles and notes.
+def panels_png(session: Session, names: list[str]) -> bytes:
+    """Panels of the current frame in a grid, with their titles and notes.
+
+    Parameters
+    ----------
+    session : Session
+    names : list of str
+        As for ``Session.panels``.
 
     Raises
     ------
     VideoError
         If there is none: in the first frame, or when none is chosen.
     """
+    panels = session.panels(names, PANEL_WIDTH) if session.opened else []
     if not panels:
         raise VideoError("there are no panels to save: choose some, and go to a frame behind the first")
     tiles = tile_panels([(panel.title, panel.note, panel.picture) for panel in panels])

@@ -17,11 +17,12 @@ from ..geometry import Box
 from ..movers import MoverFinder
 from ..video import VideoError
 from .controls import Controls
-from .panels import PanelGrid
+from .panels import WATCH, PanelGrid
 from .picker import BoxPicker
 from .pictures import colour, draw_tracks, picture_url
 from .session import Session
 from .sources import VIDEO_SUFFIXES, Sources
+from .stream import SCRIPT, Stream
 from .strip import strip_svg
 from .style import ACCENT, CSS, KEYS
 
@@ -33,8 +34,8 @@ FASTEST = 30.0
 """Frames shown per second at most; faster play leaves frames out, of the picture and not of the tracks."""
 SLICE = 0.1
 """Seconds of work after which the page shows how far it is."""
-STRIP_SECONDS = 0.25
-"""How often the curves are drawn while the video plays."""
+TELL_SECONDS = 0.2
+"""How often numbers and curves are told while the video plays: each time costs the browser as much as a picture."""
 SPEEDS = {0.25: "¼ ×", 0.5: "½ ×", 1: "1 ×", 2: "2 ×", 4: "4 ×"}
 
 
@@ -89,11 +90,11 @@ class Page:
         self.playing = False
         self.left = False
         self.due = 0.0
-        self.drawn_at = 0.0
-        self.times: list[float] = []
+        self.told_at = 0.0
+        self.shown: Shown | None = None
         ui.colors(primary=ACCENT)
         ui.add_css(CSS)
-        ui.add_head_html(KEYS)
+        ui.add_head_html(KEYS + SCRIPT + WATCH)
         self.dark = ui.dark_mode(None)
         self._header()
         with ui.element("div").classes("hs-main"):
@@ -136,6 +137,7 @@ class Page:
     def _view(self) -> None:
         self.picker = BoxPicker(self._boxed, self._clicked, lambda: self._play(False))
         self.picker.element.props("data-part=frame").classes("hs-frame")
+        self.stream = Stream(self.picker.element)
         self.hint = ui.label("Open a video, or choose the demo above.").classes("hs-hint").props("data-part=hint")
         with ui.element("div").classes("hs-transport"):
             back, self.play_button, ahead = (
@@ -210,6 +212,7 @@ class Page:
             self._blank()
 
     def _blank(self) -> None:
+        self.shown = None
         self.picker.element.set_source("")
         for element in (self.strip, self.table):
             element.set_content("")
@@ -234,11 +237,16 @@ class Page:
         self._play(playing)
 
     def _play(self, playing: bool) -> None:
+        paused = self.playing and not playing
         self.playing = playing
-        self.times = []
+        self.stream.begin()
         self.play_button.props(f"icon={'pause' if playing else 'play_arrow'}")
         if hasattr(self, "timer"):
             self.timer.active = playing
+        if paused and not self.pursuing and self.shown is not None:
+            # What was left out while it played.
+            self._tell(self.shown)
+            self.grid.refresh()
 
     async def _tick(self) -> None:
         if self.pursuing or not self.playing:
@@ -269,21 +277,21 @@ class Page:
         try:
             while self.goal is not None and not self.left:
                 goal = self.goal
-                arrived = await self.do(self._approach, goal)
-                shown = await run.io_bound(self._render)
+                advanced = await self.do(self._advance, goal)
+                # After an error it stays at the last frame before.
+                arrived, shown = advanced or (True, await run.io_bound(self._render))
                 if shown is None or self.left:
                     return
-                self._show(shown)
-                if arrived is not False and self.goal == goal:
+                await self._show(shown)
+                if arrived and self.goal == goal:
                     self.goal = None
         finally:
             self.pursuing = False
             self.goal = None
-        self._draw_strip(force=not self.playing)
         self.grid.refresh()
 
-    def _approach(self, goal: int) -> bool:
-        return self.session.go_to(goal, SLICE)
+    def _advance(self, goal: int) -> tuple[bool, Shown | None]:
+        return self.session.go_to(goal, SLICE), self._render()
 
     def _render(self) -> Shown | None:
         """Draw and encode the current frame; in a thread of its own."""
@@ -302,28 +310,31 @@ class Page:
         count = self.session.store.count if self.session.opened else None
         return max(count or 0, self.session.index + 1, 1)
 
-    def _show(self, shown: Shown) -> None:
+    async def _show(self, shown: Shown) -> None:
         # What is proposed holds for its frame; a box that is being drawn is not taken away.
-        if shown.index != self.slider.value and not self.picker.dragging:
+        if (self.shown is None or shown.index != self.shown.index) and not self.picker.dragging:
             self.picker.clear()
-        self.picker.show_url(shown.url, shown.size, shown.scale)
+        self.shown = shown
+        if self.playing:
+            await self.stream.send(shown.url)
+        if not self.playing or time.monotonic() - self.told_at > TELL_SECONDS:
+            self._tell(shown)
+
+    def _tell(self, shown: Shown) -> None:
+        """All that the page says of a frame; and the frame itself, unless it is on its way."""
+        self.told_at = time.monotonic()
+        if not self.playing:
+            self.picker.show_url(shown.url, shown.size, shown.scale)
         self.slider.props(f"max={max(self._count() - 1, 1)}")
         self.slider.set_value(shown.index)
         self.table.set_content(shown.rows)
-        now = time.monotonic()
-        self.times = [*(moment for moment in self.times if now - moment < 2.0), now]
         store = self.session.store
         count = f"of {store.count}" if store.count is not None else "(live)"
         words = f"frame {shown.index} {count} · {shown.size[0]} × {shown.size[1]} px · {store.fps:g} frames/s"
-        if self.playing and len(self.times) > 5:
-            words += f" · shown {(len(self.times) - 1) / (self.times[-1] - self.times[0]):.0f}/s"
+        if self.playing and (rate := self.stream.rate):
+            words += f" · shown {rate:.0f}/s"
         self.facts.set_text(words)
-        self._draw_strip(force=False)
-
-    def _draw_strip(self, *, force: bool) -> None:
-        if force or time.monotonic() - self.drawn_at > STRIP_SECONDS:
-            self.drawn_at = time.monotonic()
-            self.strip.set_content(strip_svg(self.session.tracks, self.session.index, self._count()))
+        self.strip.set_content(strip_svg(self.session.tracks, shown.index, self._count()))
 
     # Objects
 
@@ -366,7 +377,7 @@ class Page:
             found = bool(await self.do(self.session.follow_first_mover, finder, SLICE))
             shown = await run.io_bound(self._render)
             if shown is not None:
-                self._show(shown)
+                await self._show(shown)
             if self.session.index == before:
                 break
         self.hint.set_text("" if found else "nothing has moved up to the end")
@@ -412,7 +423,6 @@ class Page:
 
     async def _leave(self) -> None:
         self.left = True
-        self.grid.panels = []
         # In a thread: it waits for the frame that is being worked on.
         await run.io_bound(self.session.close)
 

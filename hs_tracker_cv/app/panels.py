@@ -4,34 +4,44 @@ from __future__ import annotations
 
 import asyncio
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
-from nicegui import background_tasks, ui
+from nicegui import background_tasks, events, ui
 
-from .pictures import TITLES, Panel, picture_url
+from .pictures import TITLES, picture_url
 
 if TYPE_CHECKING:
     from .page import Page
 
-__all__ = ["PanelGrid"]
+__all__ = ["WATCH", "PanelGrid"]
 
 FIRST = ("Fx", "Fy", "Ft", "arrows", "normal", "threshold", "segmentation", "corners")
 """Shown until the viewer chooses others."""
 WIDTH = 420
 """Of a panel's picture, px."""
 
+WATCH = """
+<script>
+  window.hsSeen = new IntersectionObserver((entries) => entries.forEach(
+    (entry) => entry.target.dispatchEvent(new CustomEvent("seen", { detail: entry.isIntersecting }))));
+</script>
+"""
+"""For the head of the page: tells a panel when it comes into sight or leaves it."""
+
 
 class PanelGrid:
     """Chooser and grid.
 
-    Panels are drawn beside the video and not before the next frame: while it plays fast, some are left out.
+    Panels are drawn beside the video and not before the next frame: while it plays fast, some frames are left out,
+    and so are panels that are out of sight.
     """
 
     def __init__(self, page: Page) -> None:
         self._page = page
         self._busy = self._wanted = False
         self._tiles: dict[str, tuple[ui.interactive_image, ui.label]] = {}
-        self.panels: list[Panel] = []
+        self._seen: set[str] = set()
         with ui.element("div").classes("hs-panels-head"):
             ui.label("The paper, step by step").classes("hs-heading")
             self.chooser = ui.select(
@@ -53,15 +63,21 @@ class PanelGrid:
     def _rebuild(self) -> None:
         self.grid.clear()
         self._tiles.clear()
+        self._seen.clear()
         with self.grid:
             for name in self.names:
                 title, place = TITLES[name]
-                with ui.element("div").classes("hs-panel").props(f"data-part=panel-{name}"):
+                with ui.element("div").classes("hs-panel").props(f"data-part=panel-{name}") as panel:
+                    panel.on("seen", partial(self._comes_or_goes, name), js_handler="(e) => emit(e.detail)")
                     ui.html(f"<b>{title}</b> <span>{place}</span>", sanitize=False)
                     image = ui.interactive_image()
                     note = ui.label("needs the frame before")
                 self._tiles[name] = image, note
+        ui.run_javascript("document.querySelectorAll('.hs-panel').forEach((panel) => hsSeen.observe(panel))")
         self.refresh()
+
+    def _comes_or_goes(self, name: str, event: events.GenericEventArguments) -> None:
+        (self._seen.add if event.args else self._seen.discard)(name)
 
     def refresh(self) -> None:
         """Draw the panels for the current frame and parameters, soon."""
@@ -75,24 +91,23 @@ class PanelGrid:
             while self._wanted and not self._page.left:
                 self._wanted = False
                 begun = time.monotonic()
-                drawn = await self._page.do(self._panels)
-                if not isinstance(drawn, list) or self._page.left:
+                names = [name for name in self.names if not self._page.playing or name in self._seen]
+                drawn = await self._page.do(self._panels, names)
+                if not isinstance(drawn, dict) or self._page.left:
                     continue
-                self.panels = [panel for panel, _ in drawn]
-                for name in self._tiles.keys() - {panel.name for panel in self.panels}:
-                    self._tiles[name][0].set_source("")
-                    self._tiles[name][1].set_text("needs the frame before")
-                for panel, url in drawn:
-                    if panel.name in self._tiles:
-                        image, note = self._tiles[panel.name]
+                for name in names:
+                    if name in self._tiles:
+                        image, note = self._tiles[name]
+                        url, words = drawn.get(name, ("", "needs the frame before"))
                         image.set_source(url)
-                        note.set_text(panel.note)
+                        note.set_text(words)
                 if self._page.playing:
                     # Half of the time is the video's.
                     await asyncio.sleep(time.monotonic() - begun)
         finally:
             self._busy = False
 
-    def _panels(self) -> list[tuple[Panel, str]]:
-        panels = self._page.session.panels(self.names, WIDTH) if self._page.session.opened else []
-        return [(panel, picture_url(panel.picture)) for panel in panels]
+    def _panels(self, names: list[str]) -> dict[str, tuple[str, str]]:
+        """Of each panel: picture and note; of none in the first frame."""
+        panels = self._page.session.panels(names, WIDTH) if names and self._page.session.opened else []
+        return {panel.name: (picture_url(panel.picture), panel.note) for panel in panels}

@@ -47,6 +47,7 @@ class BoxPicker:
         self._last = (0.0, 0.0)
         self._size = (0, 0)
         self._scale = 1.0
+        self._shown = 0
         self._proposals: list[Box] = []
         self.element = ui.interactive_image(
             on_mouse=self._mouse, events=["pointerdown", "pointermove", "pointerup"], cross="#5abed2"
@@ -70,7 +71,9 @@ class BoxPicker:
     def show_url(self, url: str, size: tuple[int, int], scale: float = 1.0) -> None:
         """Show an encoded image of a frame of `size`, which has been made smaller by `scale`."""
         self._size, self._scale = size, scale
-        self.element.set_source(url)
+        # As another one each time: the same as before would change nothing, though others were shown past it since.
+        self._shown += 1
+        self.element.set_source(f"{url}#{self._shown}")
 
     def propose(self, boxes: list[Box]) -> None:
         """Draw dashed boxes, to be clicked."""

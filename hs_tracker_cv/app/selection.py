@@ -53,12 +53,13 @@ def select_page(picture: str, answer: str, end: Callable[[], None]) -> None:
             await asyncio.sleep(0.3)
             end()
 
-        ui.query(".nicegui-content").classes("items-start gap-3")
-        with ui.row().classes("items-center gap-4"):
-            ui.label("Drag a box round the object").classes("text-lg")
+        ui.query(".nicegui-content").style("align-items: flex-start; gap: 12px")
+        with ui.row().style("align-items: center; gap: 16px"):
+            ui.label("Drag a box round the object").style("font-size: 18px")
             button = ui.button("Track this", icon="check", on_click=accept).props("data-part=accept")
             button.set_enabled(False)
-            label = ui.label("no box yet").classes("font-mono opacity-80 whitespace-pre").props("data-part=box")
+            label = ui.label("no box yet").style("font-family: monospace; white-space: pre; opacity: .8")
+            label.props("data-part=box")
         picker = BoxPicker(take)
         picker.element.props("data-part=frame")
         picker.show(image, lossless=True)

@@ -67,8 +67,14 @@ class PageServer(uvicorn.Server):
     def __init__(self, listener: socket.socket, *, token: str, ticket: str) -> None:
         self._listener = listener
         outer = FastAPI(openapi_url=None)
+        # Tailwind looks at whatever changes on the page, at each frame, for classes that ours has not.
         ui.run_with(
-            outer, title="hs-track", dark=None, reconnect_timeout=RECONNECT_SECONDS, show_welcome_message=False
+            outer,
+            title="hs-track",
+            dark=None,
+            tailwind=False,
+            reconnect_timeout=RECONNECT_SECONDS,
+            show_welcome_message=False,
         )
         guarded = Guard(outer, port=listener.getsockname()[1], token=token, ticket=ticket)
         # On the loopback interface compression costs more than it saves; wsproto comes with NiceGUI.

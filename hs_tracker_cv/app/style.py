@@ -24,6 +24,8 @@ body { background: var(--ground) !important; color: var(--ink); }
   min-height: 120px; margin: 0 auto; background: #101315; border-radius: 4px; overflow: hidden; cursor: crosshair; }
 .hs-hint { color: var(--dim); font-size: 13px; min-height: 18px; }
 .hs-transport { display: flex; align-items: center; gap: 8px; }
+/* A thumb that glides to each frame's place would have the page laid out at every refresh of the screen. */
+.hs-transport .q-slider * { transition: none !important; }
 .hs-facts { color: var(--dim); font-size: 12px; font-variant-numeric: tabular-nums; }
 .hs-strip { display: flex; cursor: pointer; border-top: 1px solid var(--line); min-height: 20px; width: 100%; }
 .hs-strip > div { flex: 0 0 104px; font-size: 11px; line-height: 13px; color: var(--dim); cursor: default; }

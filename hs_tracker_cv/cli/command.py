@@ -194,11 +194,15 @@ def _progress() -> Progress:
     )
 
 
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def _summarise(name: str, tally: _Tally, outputs: Outputs, code: int, options: Options) -> None:
     frames = tally.searching + tally.followed + tally.lost
-    parts = [f"{frames} frames", f"object in {tally.followed}"]
+    parts = [_counted(frames, "frame"), f"object in {tally.followed}"]
     if options.all:
-        parts.append(f"{len(tally.objects)} objects")
+        parts.append(_counted(len(tally.objects), "object"))
     if tally.searching:
         parts.append(f"none yet in {tally.searching}")
     if tally.lost:
