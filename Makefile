@@ -64,10 +64,9 @@ lint: $(VENV)/ready
 	$(BIN)/clang-format --dry-run -Werror hs_tracker_cv/_native/*.[ch]pp hs_tracker_cv/_native/*/*.[ch]pp
 	$(BIN)/mypy
 
-# The site, into build/site, and the notebooks with their outputs, into build/notebooks.
+# The site, into build/site, with the notebooks, which are executed for it.
 docs: native
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
-	$(BIN)/python -m docs.run_notebooks
 
 bench-flow: native
 	$(BIN)/python -m benchmarks.bench_flow

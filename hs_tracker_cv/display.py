@@ -524,14 +524,20 @@ def draw(
     chosen = known if panels is None else tuple(panels)
     unknown = [name for name in chosen if name not in known]
     if unknown or not chosen:
-        raise ValueError(f"expected some of {', '.join(known)}, got {unknown[0]!r}" if unknown else
-                         f"expected at least one of {', '.join(known)}, got none")
+        raise ValueError(
+            f"expected some of {', '.join(known)}, got {unknown[0]!r}"
+            if unknown
+            else f"expected at least one of {', '.join(known)}, got none"
+        )
     if _has_stages(fields):
         pictures = [draw_panel(name, fields, width=width)[0] for name in chosen]
         tiles = [(*PANELS[name], picture) for name, picture in zip(chosen, pictures, strict=True)]
         return tile_panels(tiles, columns=columns)
     size = (width, max(round(width * fields.current.shape[0] / fields.current.shape[1]), 1))
-    shown = {"frame": _tile(_gray_to_bgr(fields.current), size, "Window"), **_field_tiles(fields, None, "tracking", size)}
+    shown = {
+        "frame": _tile(_gray_to_bgr(fields.current), size, "Window"),
+        **_field_tiles(fields, None, "tracking", size),
+    }
     return _grid([shown[name] for name in chosen], columns)
 
 

@@ -67,9 +67,9 @@ class TrackerDebug:
 
     def _repr_png_(self) -> bytes:
         """Its panels, in Jupyter."""
-        from .display import draw_fields, png
+        from .display import draw, png
 
-        return png(draw_fields(self))
+        return png(draw(self))
 
 
 class TrackerHS:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hs_tracker_cv import HornSchunck, PaperMethod, TrackerHS, draw
-from hs_tracker_cv.display import draw_box, flow_colours, nice_scale, render_panels, signed_colours
+from hs_tracker_cv.display import draw_box, draw_boxes, flow_colours, nice_scale, render_panels, signed_colours
 from hs_tracker_cv.geometry import Box
 
 
@@ -162,6 +162,41 @@ def test_draw_shows_the_panels_asked_for() -> None:
         draw(stages, ["Fz"])
     with pytest.raises(ValueError, match="got none"):
         draw(stages, [])
+
+
+def test_draw_takes_what_a_tracker_saw() -> None:
+    """Its window has neither a threshold nor corners, and who asks for them is told what there is."""
+    shown = draw(_fields(), width=100, columns=8)
+    assert shown.shape[1] > 8 * 100
+    two = draw(_fields(), ["Fx", "segmentation"], width=100)
+    assert 2 * 100 < two.shape[1] < 3 * 100
+    with pytest.raises(ValueError, match=r"frame, Fx, .*, segmentation, got 'corners'"):
+        draw(_fields(), ["Fx", "corners"])
+
+
+def test_no_label_is_written_over_another() -> None:
+    """Boxes at one place and under the note: of each label as many pixels are seen as where it is alone."""
+    ground = np.full((240, 320, 3), 120, np.uint8)
+    boxes = [
+        Box(100, 100, 60, 40),
+        Box(100, 100, 60, 40),
+        Box(104, 96, 60, 44),
+        Box(3, 3, 60, 40),
+        Box(97, 103, 66, 41),
+    ]
+    colours = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (0, 255, 255)]
+    # On a dark plate that nothing else has touched, a letter's pixel is a mixture of its colour and a quarter of 120.
+    labelled = [(box, colour, "88") for box, colour in zip(boxes, colours, strict=True)]
+    together = draw_boxes(ground, labelled, notes=[("frame 8", (255, 0, 255))])
+    for colour in colours:
+        alone = draw_boxes(ground, [(Box(250, 180, 1, 1), colour, "88")])
+        plate = alone[150:179, 240:300]
+        assert _count(together, colour) >= _count(plate, colour) > 10
+
+
+def _count(picture: NDArray[np.uint8], colour: tuple[int, int, int]) -> int:
+    """Pixels of a colour, unmixed: of letters, as lines are drawn between pixels."""
+    return int((picture == np.array(colour)).all(axis=2).sum())
 
 
 def test_results_display_themselves_in_jupyter() -> None:
