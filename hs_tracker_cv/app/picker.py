@@ -52,6 +52,8 @@ class BoxPicker:
         self.element = ui.interactive_image(
             on_mouse=self._mouse, events=["pointerdown", "pointermove", "pointerup"], cross="#5abed2"
         )
+        # As inline text has them, images stand on a line, with room below, and places would be off by that.
+        ui.add_css("img { display: block; }")
         # A finger that draws a box does not scroll the page.
         self.element.style("touch-action: none")
 
