@@ -246,7 +246,7 @@ def _draw_rectangle(picture: Picture, box: Box, colour: Colour, line: int, scale
 
 def _letters(picture: Picture) -> float:
     """Size of letters that can be read on a picture."""
-    return min(max(min(picture.shape[:2]) / 700, 0.38), 1.2)
+    return float(min(max(min(picture.shape[:2]) / 700, 0.38), 1.2))
 
 
 def _plate_size(picture: Picture, words: str) -> tuple[int, int]:
