@@ -472,6 +472,9 @@ def test_videos_are_chosen_on_the_page(browser: Any, square: Path, tmp_path: Pat
             page.click("name")
             page.page.get_by_text("a rolling ball").click()
             page.await_text("facts", "frame 0 of 200 · 640 × 480")
+            # The list has closed, and keys are the video's.
+            page.page.keyboard.press("ArrowRight")
+            page.await_text("facts", "frame 1 of 200")
             with page.page.expect_file_chooser(timeout=PATIENCE) as chooser:
                 page.click("open")
             chooser.value.set_files(str(broken))

@@ -581,7 +581,7 @@ def test_all_that_move_have_rows_of_their_own(here: Path, capsys: pytest.Capture
     assert {row["id"] for row in rows} == {"1"}
     assert min(iou(_box(row), boxes[int(row["frame"])]) for row in rows) > 0.6
     said = capsys.readouterr()
-    assert ", 1 objects" in said.err
+    assert ", 1 object," in said.err
     lines = [json.loads(line) for line in said.out.splitlines()]
     assert [line["frame"] for line in lines] == list(range(14))
     assert [each["id"] for each in lines[-1]["objects"]] == [1]

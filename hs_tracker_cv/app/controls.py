@@ -13,6 +13,7 @@ from ..stages import MODES, StageParams
 from ..video import VideoError
 from .export import overlay_webm, panels_png, snippet, table_csv
 from .pictures import colour
+from .style import LET_GO
 from .tracks import OURS
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ class Controls:
                 list(TRACKER_MODES), value="auto", label="TrackerHS: mode", on_change=self._parameters
             )
             self._mode.props("dense outlined options-dense data-part=tracker-mode").classes("hs-grow")
+            self._mode.on("popup-hide", js_handler=LET_GO)
             self._rotation = ui.switch("rotation", on_change=self._parameters).props("dense data-part=rotation")
 
     async def _choose(self) -> None:
@@ -88,6 +90,7 @@ class Controls:
         ui.label("The paper's method, on the whole frame").classes("hs-heading")
         self._flow = ui.select(FLOWS, value=params.mode, label="Flow", on_change=self._preset)
         self._flow.props("dense outlined options-dense data-part=flow-mode")
+        self._flow.on("popup-hide", js_handler=LET_GO)
         self._knobs: dict[str, tuple[ui.slider, ui.label]] = {}
         self._knob("smoothness", "λ, smoothness", 1, 100, 1)
         self._knob("iterations", "iterations", 1, 500, 1)

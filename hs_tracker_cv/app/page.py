@@ -24,7 +24,7 @@ from .session import Session
 from .sources import VIDEO_SUFFIXES, Sources
 from .stream import SCRIPT, Stream
 from .strip import strip_svg
-from .style import ACCENT, CSS, KEYS
+from .style import ACCENT, CSS, KEYS, LET_GO
 
 __all__ = ["app_page"]
 
@@ -121,6 +121,7 @@ class Page:
                 list(self.session.sources.names), label="Video", on_change=lambda event: self.open(event.value)
             )
             self.name.classes("hs-grow").props("data-part=name dense outlined options-dense")
+            self.name.on("popup-hide", js_handler=LET_GO)
             # FastAPI keeps the handlers of uploads in a cache for good: they must not keep the page.
             page = weakref.ref(self)
             self.upload = ui.upload(auto_upload=True, on_upload=lambda event: _taken(page(), event))
@@ -162,6 +163,7 @@ class Page:
                 "data-part=speed aria-label=Speed dense borderless options-dense"
             )
             self.speed.tooltip("Speed")
+            self.speed.on("popup-hide", js_handler=LET_GO)
         self.facts = ui.label("").classes("hs-facts").props("data-part=facts")
         self.strip = ui.html("", sanitize=False).classes("hs-strip").props("data-part=strip")
         self.strip.on(

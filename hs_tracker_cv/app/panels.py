@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from nicegui import background_tasks, events, ui
 
 from .pictures import TITLES, picture_url
+from .style import LET_GO
 
 if TYPE_CHECKING:
     from .page import Page
@@ -52,6 +53,7 @@ class PanelGrid:
                 on_change=self._rebuild,
             )
             self.chooser.props("data-part=panels-chosen dense outlined options-dense use-chips").classes("hs-grow")
+        self.chooser.on("popup-hide", js_handler=LET_GO)
         self.grid = ui.element("div").classes("hs-panels").props("data-part=panels")
         self._rebuild()
 

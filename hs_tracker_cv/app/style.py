@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["ACCENT", "CSS", "KEYS"]
+__all__ = ["ACCENT", "CSS", "KEYS", "LET_GO"]
 
 ACCENT = "#1b8fa0"
 """Of buttons and sliders; readable on light and on dark ground."""
@@ -40,6 +40,7 @@ body { background: var(--ground) !important; color: var(--ink); }
 .hs-table th { text-align: left; font-weight: 500; color: var(--dim); }
 .hs-table td, .hs-table th { padding: 2px 10px 2px 0; white-space: nowrap; }
 .hs-table b { display: inline-block; width: 10px; height: 10px; border-radius: 3px; margin-right: 6px; }
+.hs-row .q-btn, .hs-header .q-btn--rectangle { padding: 2px 8px; }
 .hs-side { display: flex; flex-direction: column; gap: 12px; min-width: 0; }
 .hs-card { padding: 10px 12px; display: flex; flex-direction: column; gap: 6px; min-width: 0; }
 .hs-heading { font-weight: 600; font-size: 14px; }
@@ -65,6 +66,9 @@ body { background: var(--ground) !important; color: var(--ink); }
   .hs-strip > div { flex-basis: 78px; font-size: 10px; }
 }
 """
+
+LET_GO = "() => setTimeout(() => document.activeElement?.blur())"
+"""Handler in the browser, for lists that close: the next key is the video's again."""
 
 KEYS = """
 <script>
