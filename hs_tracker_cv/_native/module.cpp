@@ -171,7 +171,8 @@ Refinement refinement(float smoothness, bool five_tap, Index warps, Index sweeps
     return {smoothness, five_tap, warps, sweeps, median, outlier, {relax, quarter_square}, exposure};
 }
 
-void bind_pyramid(nb::module_ &module) {
+// The frames of a pyramid, from the finest level to the coarsest.
+void bind_frames(nb::module_ &module) {
     module.def(
         "load_frames",
         [](nb::handle frame0, nb::handle frame1, nb::handle guess, const Weights &blur, const OwnedPlanes &frames,
@@ -198,6 +199,10 @@ void bind_pyramid(nb::module_ &module) {
             reduce_frames(fine.planes(), taps(blur), out.planes());
         },
         "fine"_a, "blur"_a, "out"_a);
+}
+
+// The flow from one level to the next.
+void bind_levels(nb::module_ &module) {
     module.def(
         "begin_flow",
         [](const OwnedPlanes &frames, const OwnedPlanes &flow) {
@@ -220,6 +225,20 @@ void bind_pyramid(nb::module_ &module) {
             expand_flow(coarse_frames.planes(), coarse_flow.planes(), start, out);
         },
         "coarse_frames"_a, "coarse_flow"_a, "frames"_a, "flow"_a);
+    module.def(
+        "store_flow",
+        [](const OwnedPlanes &flow, nb::handle out) {
+            const Array<float, 3> result(out, "out");
+            result.expect({flow.height(), flow.width(), 2});
+            const Planes &planes = checked(flow, "flow", 2, flow.height(), flow.width());
+            Unlocked unlocked;
+            store_flow(planes, result.data());
+        },
+        "flow"_a, "out"_a.none());
+}
+
+// The flow of one level.
+void bind_refinement(nb::module_ &module) {
     nb::class_<Refinement>(module, "Refinement")
         .def(
             "__init__",
@@ -262,16 +281,6 @@ void bind_pyramid(nb::module_ &module) {
             for (Index i = 0; i < flow.count(); ++i) level().warping.median(flow[i], plane(result, i), side);
         },
         "flow"_a, "out"_a, "side"_a);
-    module.def(
-        "store_flow",
-        [](const OwnedPlanes &flow, nb::handle out) {
-            const Array<float, 3> result(out, "out");
-            result.expect({flow.height(), flow.width(), 2});
-            const Planes &planes = checked(flow, "flow", 2, flow.height(), flow.width());
-            Unlocked unlocked;
-            store_flow(planes, result.data());
-        },
-        "flow"_a, "out"_a.none());
 }
 
 } // namespace
@@ -288,7 +297,9 @@ NB_MODULE(kernels, module) {
     bind_planes(module);
     bind_system(module);
     bind_multigrid(module);
-    bind_pyramid(module);
+    bind_frames(module);
+    bind_levels(module);
+    bind_refinement(module);
     bind_finder(module);
     bind_patch_tracker(module);
     bind_segmentation(module);

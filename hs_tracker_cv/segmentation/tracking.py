@@ -319,6 +319,35 @@ def _chance(share: float, unexplained: float, misfit: float) -> float:
     return seen * min((1.0 - misfit) / tuning.ALIKE_ENOUGH, 1.0)
 
 
+def _estimate(
+    state: SegmentationState,
+    place: tuple[float, float],
+    window: Window,
+    moves: motion.Moves,
+    labels: Labels,
+    learned: Learned,
+    outcome: _Outcome,
+) -> SegmentationEstimate:
+    """What the frame gave; `place` is the top-left of the box, lattice px."""
+    # a single frame in which the mask fails is forgiven, one in which nothing at all is seen is not
+    k, (x, y), hidden = state.step, place, outcome.occlusion
+    ok = hidden.coasting == 0 or (hidden.coasting == 1 and not hidden.vanished and outcome.share > tuning.NOTHING)
+    return SegmentationEstimate(
+        box=Box(x * k, y * k, outcome.box.w * k, outcome.box.h * k),
+        ok=ok,
+        score=_chance(outcome.share, learned.unexplained, moves.misfit) if ok else 0.0,
+        occluded=hidden.occluded,
+        unexplained=learned.unexplained,
+        mask=labels.mask,
+        window=window_box(state.origin, window.gray.shape, k),
+        step=float(k),
+        previous=window.previous,
+        current=window.gray,
+        flow=moves.flow,
+        camera=(moves.camera[0] * k, moves.camera[1] * k),
+    )
+
+
 def _next_state(
     state: SegmentationState,
     frame: Frame,
@@ -329,29 +358,11 @@ def _next_state(
     outcome: _Outcome,
     params: SegmentationParams,
 ) -> SegmentationState:
-    """Report, and put all that was learned into the window of the next frame."""
-    k = state.step
+    """All that was learned, in the window of the next frame."""
     x, y = outcome.box.x + state.origin[0], outcome.box.y + state.origin[1]
-    # a single frame in which the mask fails is forgiven, one in which nothing at all is seen is not
-    hidden = outcome.occlusion
-    ok = hidden.coasting == 0 or (hidden.coasting == 1 and not hidden.vanished and outcome.share > tuning.NOTHING)
-    estimate = SegmentationEstimate(
-        box=Box(x * k, y * k, outcome.box.w * k, outcome.box.h * k),
-        ok=ok,
-        score=_chance(outcome.share, learned.unexplained, moves.misfit) if ok else 0.0,
-        occluded=outcome.occlusion.occluded,
-        unexplained=learned.unexplained,
-        mask=labels.mask,
-        window=window_box(state.origin, window.gray.shape, k),
-        step=float(k),
-        previous=window.previous,
-        current=window.gray,
-        flow=moves.flow,
-        camera=(moves.camera[0] * k, moves.camera[1] * k),
-    )
     rate = tuning.RESIDUAL_RATE if state.count else 1.0
     concluded = state.replace(
-        estimate=estimate,
+        estimate=_estimate(state, (x, y), window, moves, labels, learned, outcome),
         count=state.count + 1,
         box=(x, y, outcome.box.w, outcome.box.h),
         velocity=outcome.velocity,
@@ -361,7 +372,7 @@ def _next_state(
         shape=learned.shape,
         obj=learned.obj,
         distractor=labels.distractor,
-        visible=labels.mask & (labels.errors[0] > 0).view(np.uint8) if hidden.occluded else None,
+        visible=labels.mask & (labels.errors[0] > 0).view(np.uint8) if outcome.occlusion.occluded else None,
         atlas=learned.atlas,
         colours=learned.colours,
         noise=learned.noise,
