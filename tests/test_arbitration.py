@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hs_tracker_cv.arbitration.choice import Choice, agreement, size_difference, updated
-from hs_tracker_cv.arbitration.tuning import WITNESS_FRAMES
+from hs_tracker_cv.arbitration.steadiness import Steadiness, growth
+from hs_tracker_cv.arbitration.tuning import SPINNING, WITNESS_FRAMES
 from hs_tracker_cv.geometry import Box
 
 pytestmark = pytest.mark.once
@@ -18,11 +19,21 @@ shares = st.floats(0, 1)
 differences = st.floats(0, 3)
 
 
-def after(count: int, unexplained: float, difference: float = 0.0, choice: Choice | None = None) -> Choice:
+STEADY = Steadiness(segments=WITNESS_FRAMES, unsteadiness=0.008)  # a segment of the laboratory
+RAGGED = Steadiness(segments=WITNESS_FRAMES, unsteadiness=0.04)  # one of real video
+
+
+def after(
+    count: int,
+    unexplained: float,
+    difference: float = 0.0,
+    choice: Choice | None = None,
+    steadiness: Steadiness | None = STEADY,
+) -> Choice:
     """The choice after the same measurements `count` times."""
     choice = (choice or Choice()).asked(1.0, 0.8)
     for _ in range(count):
-        choice = updated(choice, unexplained, difference)
+        choice = updated(choice, unexplained, difference, steadiness)
     return choice
 
 
@@ -30,13 +41,13 @@ def after(count: int, unexplained: float, difference: float = 0.0, choice: Choic
     ("unexplained", "difference", "trusted"),
     [
         (0.0, 0.0, True),  # all explained, sizes agree: the laboratory
-        (0.05, 0.0, True),  # compressed video, a good segment
-        (0.05, 0.4, False),  # the same background, but the segment is not what was drawn
+        (0.02, 0.0, True),  # compressed video, a good segment
+        (0.02, 0.4, False),  # the same background, but the segment is not what was drawn
         (0.0, 0.4, True),  # an object that changes its shape before an explained background
         (0.8, 0.0, False),  # nothing of the background is explained
     ],
 )
-def test_both_measurements_count(unexplained: float, difference: float, trusted: bool) -> None:
+def test_explanation_and_size_count(unexplained: float, difference: float, trusted: bool) -> None:
     """Segmentation is left when the background is unexplained or the size disagrees, each in view of the other."""
     assert after(30, unexplained, difference).trusted is trusted
 
@@ -45,6 +56,65 @@ def test_no_switch_on_the_first_frames() -> None:
     """Five frames are too few to leave segmentation."""
     assert after(5, 1.0, 2.0).trusted
     assert not after(6, 1.0, 2.0).trusted
+
+
+def test_what_is_a_little_doubtful_is_left_at_the_end_of_the_trial_only() -> None:
+    """A beginning is unsteady: the same measurements must hold longer than a gross mistake."""
+    assert after(WITNESS_FRAMES // 2, 0.02, 0.4).trusted
+    assert not after(WITNESS_FRAMES + 1, 0.02, 0.4).trusted
+
+
+def test_a_ragged_segment_is_left_where_a_steady_one_is_followed() -> None:
+    """The same background, the same size: the third measurement decides."""
+    assert after(30, 0.02, 0.1).trusted
+    assert not after(30, 0.02, 0.1, steadiness=RAGGED).trusted
+
+
+def test_of_what_turns_the_patch_tracker_is_no_witness() -> None:
+    """Neither doubt nor contradiction hands over what would not be left at rest, and the segment stays believed."""
+    spun = replace(STEADY, spin=2 * SPINNING)
+    assert not after(30, 0.02, 0.4).trusted
+    assert after(30, 0.02, 0.4, steadiness=spun).trusted
+    blind = Choice(log_unexplained=-4.0, frames=30, steadiness=spun).asked(0.65, 0.1)
+    at_rest = replace(blind, steadiness=STEADY)
+    assert at_rest.contradicted
+    assert not blind.contradicted
+    assert blind.segment_chance(0.9) > 0.5 > at_rest.segment_chance(0.9)
+
+
+def test_begun_anew_the_kind_of_segment_is_known() -> None:
+    """After a hand-over the measurements of the background begin again, those of shape do not."""
+    known = after(30, 0.3, 0.2, steadiness=RAGGED)
+    anew = known.anew
+    assert (anew.trusted, anew.frames, anew.log_unexplained) == (False, 0, 0.0)
+    assert (anew.size_difference, anew.witnessed) == (known.size_difference, known.witnessed)
+    assert anew.steadiness == RAGGED
+
+
+@given(st.floats(-0.1, 0.1), st.floats(-0.2, 0.2), st.integers(2, 40))
+def test_even_growth_and_turn_are_steady(grown: float, turn: float, count: int) -> None:
+    """What grows evenly has no unsteadiness; a constant turn is its own mean."""
+    shape = Steadiness()
+    for _ in range(count):
+        shape = shape.after(grown, turn)
+    assert shape.unsteadiness == pytest.approx(0.0, abs=1e-12)
+    assert shape.spin == pytest.approx(turn)
+    assert shape.segments == count
+
+
+def test_unsteadiness_is_the_mean_change_of_growth_in_the_first_frames() -> None:
+    """Growth of ± .02 by turns changes by .04 each time; what comes after the trial changes nothing."""
+    shape = Steadiness()
+    for t in range(WITNESS_FRAMES):
+        shape = shape.after(0.02 * (-1) ** t, 0.0)
+    assert shape.unsteadiness == pytest.approx(0.04)
+    assert shape.after(3.0, 0.0).unsteadiness == shape.unsteadiness
+
+
+def test_growth_is_that_of_the_diagonal() -> None:
+    """A bar that turns does not grow; twice the size is log 2."""
+    assert growth(Box(0, 0, 30, 10), Box(5, 9, 10, 30)) == 0.0
+    assert growth(Box(0, 0, 30, 10), Box(0, 0, 60, 20)) == pytest.approx(0.6931471805599453)
 
 
 def test_the_witness_is_heard_only_while_it_is_young() -> None:

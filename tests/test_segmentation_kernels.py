@@ -464,3 +464,27 @@ def test_explaining_is_moving_and_weighing(everywhere: bool) -> None:
         for a, b in zip(mine, other, strict=True):
             np.testing.assert_array_equal(a, b)
     assert 0.0 < found < 1.0
+
+
+@pytest.mark.parametrize(
+    ("odds", "seen_before", "ground"),
+    [
+        (-1.0, True, True),  # outside the object, as in the last frame: the light has changed since it was learned
+        (-1.0, False, False),  # outside the object, but new: the object may have grown
+        (1.0, True, False),  # of the object, which may be at rest
+    ],
+)
+def test_ground_that_has_changed_is_ground_outside_the_object(odds: float, seen_before: bool, ground: bool) -> None:
+    """A known background is wrong by 40 gray levels: what the last frame shows tells ground from object."""
+    rng = np.random.default_rng(3)
+    known = rng.uniform(60, 160, (H, W, 3)).astype(np.float32)
+    image = np.ascontiguousarray(known[::-1]) + np.float32(40.0)
+    before = image if seen_before else known
+    planes, fresh = np.empty((4, H, W), np.float32), np.empty((H, W), np.uint8)
+    whole = np.array((0, 0, W, H))
+    likelihood = np.array((0.02, 0.12, 1.8, 0.9, 0.0, 2.5, 0.35, 2.5, 0.6, 1.7), np.float32)
+    kernels.evidence(
+        image, known, before, before, image, np.full((H, W), odds, np.float32), np.full((3, H, W), 9.0, np.float32),
+        whole, whole, likelihood, planes, fresh,
+    )  # fmt: skip
+    assert np.mean((planes[0] < 0.0) == ground) > 0.99

@@ -11,6 +11,7 @@ from ..redetection import Scene, Target
 from ..segmentation import SegmentationState
 from . import rooms, tuning
 from .choice import Choice, agreement, size_difference, updated
+from .steadiness import Steadiness, growth
 from .track import Track, TrackerState, leading
 from .turn import Event, Turn, first_state, leader
 
@@ -138,7 +139,7 @@ def search(turn: Turn) -> Turn:
     elif found.estimate.ok and carried.estimate.lost:
         segmented = turn.rooms.segmentation.reseed(segmented, turn.frame, found.estimate.box, rooms.SEGMENTATION)
         return turn._replace(
-            segmentation=segmented, patch_tracker=found, choice=Choice(trusted=False), event=Event.RAN
+            segmentation=segmented, patch_tracker=found, choice=turn.track.choice.anew, event=Event.RAN
         )
     return turn._replace(patch_tracker=found, event=Event.RAN)
 
@@ -282,7 +283,7 @@ def _sought(turn: Turn) -> Track:
         track,
         segmentation=segmented,
         patch_tracker=carried,
-        choice=Choice(trusted=False) if segmented else track.choice,
+        choice=track.choice.anew if segmented else track.choice,
         box=found.box,
         score=found.score,
         state="tracking" if _is_inside(found.box, turn.frame) else "lost",
@@ -309,10 +310,22 @@ def _measured(turn: Turn, segmented: SegmentationState, carried: PatchTrackerSta
     # A carried box that does not know where the object is does not know its size.
     witness = carried.estimate.score > tuning.SURE
     difference = size_difference(segmented.estimate.box, carried.estimate.box) if witness else None
-    after = updated(choice, segmented.estimate.unexplained, difference)
+    steadiness = _steadiness(turn, segmented)
+    after = updated(choice, segmented.estimate.unexplained, difference, steadiness)
     if after.trusted and not choice.trusted and not carried.estimate.ok:
         return replace(after, trusted=False)  # nobody knows where the object is that it should follow
     return after
+
+
+def _steadiness(turn: Turn, segmented: SegmentationState) -> Steadiness:
+    """That of the segment after this frame; as it was where there are not two whole segments to compare."""
+    known, before = turn.choice.steadiness, turn.track.segmentation
+    assert before is not None, "segmentation is at work"
+    ran = turn.choice.trusted or turn.choice.frames < tuning.WITNESS_FRAMES
+    whole = all(one.ok and not one.occluded for one in (before.estimate, segmented.estimate))
+    if not (ran and whole and segmented.count > 1):
+        return known
+    return known.after(growth(before.estimate.box, segmented.estimate.box), segmented.turn)
 
 
 def _outcome(turn: Turn) -> Event:

@@ -1,24 +1,27 @@
 """Which of the two modes to follow: segmentation by motion, or the box carried by flow; and how far to believe it.
 
-Segmentation is doubted by two measurements, in one sum: what its background memory leaves unexplained outside its
-mask, and how far the segment's size is from what the user drew. The carried box is the witness of the latter, but
-only while it is young: in its first frames it cannot have drifted, later it may. So that is measured in the first
-frames and kept.
+Segmentation is doubted by three measurements, in one sum: what its background memory leaves unexplained outside its
+mask, how far the segment's size is from what the user drew, and how unsteadily that size changes from frame to frame.
+The carried box is the witness of the second, but only while it is young: in its first frames it cannot have drifted,
+later it may. So the latter two are measured in the first frames and kept. They take some frames to be told from the
+unrest of a beginning: until then doubt is put off.
 
 The carried box is also asked where it would be on its own. Where it is rather right than not and elsewhere, it is
 followed, and so it is where segmentation is doubted and it is likely right. What it says and the doubt make the
-chance that a segment is right, which is the score.
+chance that a segment is right, which is the score. Of an object that turns steadily it is no witness: it knows that
+as it stood at first.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from ..geometry import Box, iou
 from ..validation import Count, Within
 from . import tuning
+from .steadiness import Steadiness, growth
 
 __all__ = ["Choice", "agreement", "size_difference", "updated"]
 
@@ -46,6 +49,8 @@ class Choice:
         Chance that the carried box is right, 0–1, when it was last asked.
     agreement : float
         `agreement` of the two boxes then.
+    steadiness : Steadiness
+        Of the segment.
     """
 
     frames: Count = 0
@@ -56,6 +61,7 @@ class Choice:
     since: Count = 0
     chance: Annotated[float, Within(0.0, 1.0)] = 1.0
     agreement: Annotated[float, Within(0.0, 1.0)] = 1.0
+    steadiness: Steadiness = field(default_factory=Steadiness)
 
     @property
     def unexplained(self) -> float:
@@ -65,12 +71,19 @@ class Choice:
     @property
     def doubt(self) -> float:
         """How far the measurements speak against segmentation: positive, they do; negative, they do not."""
-        return self.log_unexplained + tuning.SIZE_WEIGHT * self.size_difference - tuning.LIMIT
+        shape = self.steadiness
+        measured = self.log_unexplained + tuning.SIZE_WEIGHT * self.size_difference
+        measured += math.log(shape.unsteadiness + tuning.STEADY)
+        # The box of the patch tracker does not turn: of what does, a doubtful segment is the better answer.
+        turning = tuning.SPIN_WEIGHT * min(abs(shape.spin), tuning.FAST_SPIN)
+        early = tuning.EARLY * max(1.0 - self.frames / tuning.WITNESS_FRAMES, 0.0)
+        return measured - turning - early - tuning.LIMIT
 
     @property
     def contradicted(self) -> bool:
         """The carried box is rather right than not, and elsewhere."""
-        return self.agreement < tuning.APART and self.chance > tuning.RATHER
+        elsewhere = self.agreement < tuning.APART and self.chance > tuning.RATHER
+        return elsewhere and not self.steadiness.spinning
 
     def outweighed(self, chance: float) -> bool:
         """A segment hardly to be believed stands against a carried box that is rather right than not."""
@@ -81,6 +94,16 @@ class Choice:
         """The same measurements with the carried box followed."""
         return replace(self, trusted=False, since=0)
 
+    @property
+    def anew(self) -> Choice:
+        """The carried box is followed, and segmentation begins anew; what kind of segment it has is known."""
+        return Choice(
+            size_difference=self.size_difference,
+            witnessed=self.witnessed,
+            trusted=False,
+            steadiness=self.steadiness,
+        )
+
     def asked(self, chance: float, agreement: float) -> Choice:
         """Take in what the carried box says where it is on its own."""
         return replace(self, chance=chance, agreement=agreement)
@@ -90,12 +113,17 @@ class Choice:
 
         Logistic; fitted on ``drawn:160:101`` and on 22 real sequences (choose.txt), three starts each.
         """
-        evidence = tuning.SEGMENT_CHANCE * _log_odds(self.chance) + tuning.SEGMENT_SCORE * _log_odds(score)
-        evidence = evidence + tuning.SEGMENT_AGREEMENT * self.agreement + tuning.SEGMENT_DOUBT * self.doubt
+        chance, agreed = self.chance, self.agreement
+        if self.steadiness.spinning:
+            chance, agreed = max(chance, tuning.SPUN_CHANCE), max(agreed, tuning.SPUN_AGREEMENT)
+        evidence = tuning.SEGMENT_CHANCE * _log_odds(chance) + tuning.SEGMENT_SCORE * _log_odds(score)
+        evidence = evidence + tuning.SEGMENT_AGREEMENT * agreed + tuning.SEGMENT_DOUBT * self.doubt
         return 1.0 / (1.0 + math.exp(-tuning.SEGMENT_OFFSET - evidence))
 
 
-def updated(choice: Choice, unexplained: float, difference: float | None) -> Choice:
+def updated(
+    choice: Choice, unexplained: float, difference: float | None, steadiness: Steadiness | None = None
+) -> Choice:
     """Take in the measurements of one frame.
 
     Parameters
@@ -107,6 +135,8 @@ def updated(choice: Choice, unexplained: float, difference: float | None) -> Cho
     difference : float or None
         `size_difference` of the two boxes in this frame; None when the carried box is no witness, not being sure
         itself. Not used after the first `tuning.WITNESS_FRAMES`.
+    steadiness : Steadiness, optional
+        That of the segment after this frame; as it was when not given.
 
     Returns
     -------
@@ -121,7 +151,13 @@ def updated(choice: Choice, unexplained: float, difference: float | None) -> Cho
         witnessed += 1
         size += (difference - size) / witnessed
     seen = replace(
-        choice, frames=frames, log_unexplained=mean, size_difference=size, witnessed=witnessed, since=choice.since + 1
+        choice,
+        frames=frames,
+        log_unexplained=mean,
+        size_difference=size,
+        witnessed=witnessed,
+        since=choice.since + 1,
+        steadiness=steadiness or choice.steadiness,
     )
     if frames < tuning.FIRST_SWITCH:
         return seen
@@ -146,7 +182,7 @@ def size_difference(a: Box, b: Box) -> float:
     >>> size_difference(Box(0, 0, 20, 10), Box(5, 5, 10, 20))
     0.0
     """
-    return 2.0 * abs(math.log(max(math.hypot(a.w, a.h), 1.0) / max(math.hypot(b.w, b.h), 1.0)))
+    return 2.0 * abs(growth(a, b))
 
 
 def agreement(a: Box, b: Box) -> float:

@@ -102,19 +102,18 @@ void load(const Explanations &seen, Index begin, Index m, Chunk *chunk) {
     }
 }
 
-// Squared errors of the last frame, moved by camera and object, where the background is not yet known.
+// Squared errors of the last frame. Moved by the camera it explains ground that is not yet known, and outside the
+// object what has changed since it was learned: light, compression, a shadow that has come to rest. Moved by the object
+// it explains that where the ground is not yet known.
 void last_frame(const Explanations &seen, Index begin, Index m, Chunk *chunk) {
-    const float *counts = chunk->counts;
+    const float *HS_RESTRICT counts = chunk->counts, *HS_RESTRICT odds = chunk->odds;
     float *HS_RESTRICT still = chunk->still, *HS_RESTRICT other = chunk->other;
-    int unknown = 0;
-    for (Index i = 0; i < m; ++i) unknown += counts[i] < KNOWN;
-    if (unknown == 0) return;
     const float *HS_RESTRICT image = seen.image + 3 * begin, *HS_RESTRICT moved = seen.moved + 3 * begin;
     const float *HS_RESTRICT carried = seen.carried + 3 * begin;
     for (Index i = 0; i < m; ++i) {
         const float d = square_sum(image + 3 * i, moved + 3 * i), e = square_sum(image + 3 * i, carried + 3 * i);
         const bool fresh = counts[i] < KNOWN;
-        still[i] = fresh ? d : NOTHING;
+        still[i] = fresh | (odds[i] <= 0.0f) ? d : NOTHING;
         other[i] = fresh ? e : NOTHING;
     }
 }
