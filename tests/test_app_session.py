@@ -7,6 +7,7 @@ import csv
 import io
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -433,6 +434,15 @@ def test_every_tracker_has_its_column_of_speed(session: Session, square: tuple[P
     assert len(speeds) == 9
     assert np.isnan(speeds[0])
     np.testing.assert_allclose(speeds[2:], np.hypot(2, 1), atol=0.5)
+
+
+def test_the_time_told_is_that_of_the_last_updates(session: Session, square: tuple[Path, list[Box]]) -> None:
+    """Their median: one that waited for the machine does not count; where the box was drawn there is none."""
+    session.start(square[1][0])
+    session.go_to(4)
+    track = session.tracks[0]
+    track.steps = [replace(step, seconds=t) for step, t in zip(track.steps, (0.0, 1.0, 2.0, 90.0, 4.0), strict=True)]
+    assert [track.seconds(index) for index in (0, 1, 3, 4)] == [0.0, 1.0, 2.0, 3.0]
 
 
 def test_without_a_video_everything_says_so() -> None:

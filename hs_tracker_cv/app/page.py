@@ -446,10 +446,11 @@ def _rows(tracks: list[Any], index: int) -> str:
             x, y, w, h = step.box
             box = f"{x:.1f}, {y:.1f} &nbsp; {w:.1f} × {h:.1f}"
         score = "" if step.score != step.score else f"{step.score:.2f}"
-        spent = f"{1e3 * step.seconds:.1f} ms" if step.seconds else ""
+        seconds = track.seconds(index)
+        spent = f"{1e3 * seconds:.1f} ms" if seconds else ""
         rows.append(
             f'<tr><td><b style="background:{colour(track.name)}"></b>{track.label}</td><td>{step.state}</td>'
             f"<td>{score}</td><td>{box}</td><td>{spent}</td></tr>"
         )
-    head = "<tr><th>tracker</th><th>state</th><th>score</th><th>box, px</th><th>update</th></tr>"
+    head = "<tr><th>tracker</th><th>state</th><th>score</th><th>box, px</th><th>update, median</th></tr>"
     return f"<table>{head}{''.join(rows)}</table>" if rows else ""

@@ -11,8 +11,8 @@ from nicegui.elements.interactive_image import InteractiveImage
 
 __all__ = ["SCRIPT", "Stream"]
 
-AHEAD = 2
-"""Pictures that may be on their way at once: one is shown while the next one is sent."""
+AHEAD = 3
+"""Pictures that may be on their way at once: one is shown while another is decoded and the next one sent."""
 PATIENCE = 2.0
 """Seconds after which a picture counts as shown whatever the browser says."""
 SPAN = 2.0

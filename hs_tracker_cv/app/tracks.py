@@ -18,6 +18,8 @@ from .rivals import Rival
 __all__ = ["OURS", "Silhouette", "Track"]
 
 OURS = "TrackerHS"
+RECENT = 25
+"""Updates of which the usual time is told."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,12 @@ class Track:
     def silhouette(self, index: int) -> Silhouette | None:
         """The object's pixels in a frame; None where there are none."""
         return self._silhouettes[index - self.start] if self.start <= index <= self.head else None
+
+    def seconds(self, index: int) -> float:
+        """Median time of the last updates up to a frame: a single one may have waited for the machine; 0 for none."""
+        recent = self.steps[max(index - self.start + 1 - RECENT, 0) : index - self.start + 1]
+        spent = [step.seconds for step in recent if step.seconds]
+        return float(np.median(spent)) if spent else 0.0
 
     def speeds(self) -> list[float]:
         """How far the box's centre moves, px per frame, one value per step; NaN where there is no box."""
