@@ -12,13 +12,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 __all__ = ["Steps", "make_console"]
 
+_WIDEST = 10_000  # columns, where nobody's window ends: more than any table has
+
 LINE_SECONDS = 20.0
 """Time between two lines where there is no terminal."""
 
 
 def make_console() -> Console:
-    """Console of standard output; tables that go to a file or a pipe are not squeezed into 80 columns."""
-    return Console(width=None if sys.stdout.isatty() else 200)
+    """Console of standard output; tables that go to a file or a pipe are as wide as they are."""
+    return Console(width=None if sys.stdout.isatty() else _WIDEST)
 
 
 class Steps:

@@ -6,6 +6,7 @@ import io
 
 import pytest
 from rich.console import Console
+from rich.table import Table
 
 from eval import progress
 from eval.progress import Steps
@@ -28,6 +29,15 @@ def test_lines_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch) -> No
         "look here",
         "work: 2 of 3",
     ]
+
+
+def test_tables_in_a_pipe_are_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    """However wide they are, nothing of them is cut or broken."""
+    table = Table(*[f"column {number}" for number in range(40)])
+    table.add_row(*["a value of some length"] * 40)
+    progress.make_console().print(table)
+    (row,) = [line for line in capsys.readouterr().out.splitlines() if "value" in line]
+    assert row.count("a value of some length") == 40
 
 
 def test_a_bar_on_a_terminal() -> None:

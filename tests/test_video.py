@@ -70,7 +70,7 @@ def test_odd_sizes_are_padded_not_cut(tmp_path: Path) -> None:
     np.testing.assert_array_equal(got[:47, :63], frame)
 
 
-def test_a_folder_is_read_in_natural_order(tmp_path: Path) -> None:
+def test_a_folder_is_read_in_natural_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """10 follows 9; hidden files and what is no image file are ignored; `img` takes its parent's name."""
     folder = tmp_path / "walk" / "img"
     folder.mkdir(parents=True)
@@ -86,6 +86,8 @@ def test_a_folder_is_read_in_natural_order(tmp_path: Path) -> None:
     source = open_source(folder)
     assert (source.name, source.count) == ("walk", 11)
     assert [int(frame[0, 0, 0]) for frame in source.frames] == list(range(11))
+    monkeypatch.chdir(tmp_path / "walk")
+    assert open_source(Path("img")).name == "img"  # the folder round it was not named
 
 
 def test_a_frame_that_cannot_be_reached_is_missing_and_not_skipped(tmp_path: Path) -> None:

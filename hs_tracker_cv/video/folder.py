@@ -61,9 +61,9 @@ def open_folder(folder: Path, start: int, step: int, gain: float | None) -> Vide
     paths = paths[start::step]
     first = read_image(paths[0])
     convert = Bytes(str(paths[0]), first, gain)
-    # OTB and its kin keep the frames in a folder called img: the sequence's name is the parent's.
-    name = folder.resolve()
-    name = name.parent if name.name.lower() in {"img", "images", "frames"} else name
+    # OTB and its kin keep the frames in a folder called img: the sequence's name is the parent's, where it was given.
+    generic = folder.name.lower() in {"img", "images", "frames"} and folder.parent.name not in {"", ".."}
+    name = folder.parent if generic else folder.resolve()
     return VideoSource(
         name.name, DEFAULT_FPS / step, len(paths), convert(str(paths[0]), first), _frames(paths, convert), start, step
     )
