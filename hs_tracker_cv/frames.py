@@ -319,7 +319,7 @@ def as_roi(bounding_box: Any, frame: Frame) -> Box:
     Raises
     ------
     InputError
-        If it has not four finite numbers, or less than 4 × 4 px inside the frame.
+        If it has not four finite numbers, less than 4 × 4 px inside the frame, or no finite pixel.
     """
     values = _four_numbers(bounding_box)
     if values is None:
@@ -337,6 +337,10 @@ def as_roi(bounding_box: Any, frame: Frame) -> Box:
             f"expected a boundingBox with at least {MIN_SIDE:g} × {MIN_SIDE:g} px inside the "
             f"{frame.width} × {frame.height} frame, got {shown(bounding_box)}"
         )
+    if frame.pixels.dtype.kind == "f":
+        part = frame.pixels[int(inside.y) : math.ceil(inside.bottom), int(inside.x) : math.ceil(inside.right)]
+        if not np.isfinite(part).any():
+            raise InputError(f"expected a finite pixel inside the boundingBox {shown(bounding_box)}, got none")
     return inside
 
 

@@ -129,6 +129,16 @@ def test_roi_partly_outside_is_clipped() -> None:
     assert as_roi((-4, 10, 10, 20), as_frame(np.zeros((20, 30), np.uint8))) == Box(0, 10, 6, 10)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_box_without_a_number_inside_is_refused(value: float) -> None:
+    """There is nothing in it to follow; one finite pixel is something."""
+    pixels = np.zeros((20, 30), np.float32)
+    pixels[4:10, 5:11] = value
+    with pytest.raises(InputError, match="expected a finite pixel inside the boundingBox"):
+        as_roi((5, 4, 6, 6), as_frame(pixels))
+    assert as_roi((5, 4, 6, 7), as_frame(pixels)) == Box(5, 4, 6, 7)
+
+
 @pytest.mark.parametrize(
     "roi",
     [

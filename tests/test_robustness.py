@@ -319,6 +319,8 @@ def test_init_takes_frames_and_refuses_all_else(thing: Any) -> None:
     roi = (2, 2, 18, 18)
     frame = thing.get() if isinstance(thing, cv2.UMat) else thing
     usable = is_frame(thing) and frame.shape[0] >= 6 and frame.shape[1] >= 6
+    if usable and frame.dtype.kind == "f":
+        usable = bool(np.isfinite(frame[2:20, 2:20]).any())
     try:
         in_time(tracker, lambda one: one.init(thing, roi))
     except InputError:
@@ -471,6 +473,10 @@ def test_values_beyond_all_bounds_are_silent(first: str, value: float) -> None:
     """What is infinite in float32 is no warning, and so no error to a user who makes errors of warnings."""
     frames, tracker = video("float64"), TrackerHS_create()
     bad = np.full_like(frames[0], value)
+    if first == "bad" and not math.isfinite(value):
+        with pytest.raises(InputError, match="expected a finite pixel"):
+            tracker.init(bad, ROI)
+        return
     tracker.init(frames[0] if first == "good" else bad, ROI)
     assert "refused" not in [update(tracker, frame) for frame in (bad, frames[1], bad, frames[2])]
 
@@ -489,7 +495,7 @@ def answers_of_the_library(kind: tuple[str, int], fill: str | None) -> list[Any]
             tracker.check(frame)
             told += [tracker.update(frame), known(tracker), tracker.debug().normal_flow.tobytes()]
     several, automatic = MultiTrackerHS(), AutomaticTracker()
-    for frame in frames[:2]:
+    for frame in frames[:3:2]:  # every second one is bad, and may hold no object
         several.add(TrackerHS_create(), frame, ROI)
     told += [str(answer) for frame in frames[1:] for answer in (several.update(frame), automatic.update(frame))]
     for mode in ("classic", "solve", "fast", "default", "accurate"):
@@ -551,10 +557,11 @@ def test_every_kind_of_dropped_frame_is_answered(empty: Any) -> None:
 @pytest.mark.parametrize("fill", FILLS)
 @pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
 def test_a_whole_video_of_bad_pixels_is_answered(dtype: str, fill: str, mode: str) -> None:
-    """Black, white, noise, NaN: every frame is answered, from the first to the last, and init then works again."""
+    """Black, white, noise, NaN: every frame after the first is answered, and init then works again."""
     tracker = TrackerHS_create(TrackerHS_Params(mode=mode))
     frames = [filled((*SHAPE, 3), dtype, fill, seed) for seed in range(8)]
-    tracker.init(frames[0], ROI)
+    # A box without a number holds no object.
+    tracker.init(video(dtype)[0] if dtype == "float32" and fill in ("nan", "inf") else frames[0], ROI)
     assert "refused" not in [update(tracker, frame) for frame in frames[1:]]
     good = video(dtype)
     tracker.init(good[0], ROI)
