@@ -82,13 +82,10 @@ def test_of_what_turns_the_patch_tracker_is_no_witness() -> None:
     assert blind.segment_chance(0.9) > 0.5 > at_rest.segment_chance(0.9)
 
 
-def test_begun_anew_the_kind_of_segment_is_known() -> None:
-    """After a hand-over the measurements of the background begin again, those of shape do not."""
-    known = after(30, 0.3, 0.2, steadiness=RAGGED)
-    anew = known.anew
-    assert (anew.trusted, anew.frames, anew.log_unexplained) == (False, 0, 0.0)
-    assert (anew.size_difference, anew.witnessed) == (known.size_difference, known.witnessed)
-    assert anew.steadiness == RAGGED
+def test_doubt_of_a_segment_that_does_not_lead_is_not_put_off() -> None:
+    """After a hand-over segmentation must earn the lead; nothing is taken off in its favour."""
+    leading = Choice(frames=5, log_unexplained=-3.0, steadiness=STEADY)
+    assert leading.doubt < replace(leading, trusted=False).doubt == replace(leading, frames=WITNESS_FRAMES).doubt
 
 
 @given(st.floats(-0.1, 0.1), st.floats(-0.2, 0.2), st.integers(2, 40))

@@ -139,7 +139,7 @@ def search(turn: Turn) -> Turn:
     elif found.estimate.ok and carried.estimate.lost:
         segmented = turn.rooms.segmentation.reseed(segmented, turn.frame, found.estimate.box, rooms.SEGMENTATION)
         return turn._replace(
-            segmentation=segmented, patch_tracker=found, choice=turn.track.choice.anew, event=Event.RAN
+            segmentation=segmented, patch_tracker=found, choice=Choice(trusted=False), event=Event.RAN
         )
     return turn._replace(patch_tracker=found, event=Event.RAN)
 
@@ -283,7 +283,7 @@ def _sought(turn: Turn) -> Track:
         track,
         segmentation=segmented,
         patch_tracker=carried,
-        choice=track.choice.anew if segmented else track.choice,
+        choice=Choice(trusted=False) if segmented else track.choice,
         box=found.box,
         score=found.score,
         state="tracking" if _is_inside(found.box, turn.frame) else "lost",

@@ -76,7 +76,7 @@ class Choice:
         measured += math.log(shape.unsteadiness + tuning.STEADY)
         # The box of the patch tracker does not turn: of what does, a doubtful segment is the better answer.
         turning = tuning.SPIN_WEIGHT * min(abs(shape.spin), tuning.FAST_SPIN)
-        early = tuning.EARLY * max(1.0 - self.frames / tuning.WITNESS_FRAMES, 0.0)
+        early = tuning.EARLY * max(1.0 - self.frames / tuning.WITNESS_FRAMES, 0.0) if self.trusted else 0.0
         return measured - turning - early - tuning.LIMIT
 
     @property
@@ -93,16 +93,6 @@ class Choice:
     def carried_away(self) -> Choice:
         """The same measurements with the carried box followed."""
         return replace(self, trusted=False, since=0)
-
-    @property
-    def anew(self) -> Choice:
-        """The carried box is followed, and segmentation begins anew; what kind of segment it has is known."""
-        return Choice(
-            size_difference=self.size_difference,
-            witnessed=self.witnessed,
-            trusted=False,
-            steadiness=self.steadiness,
-        )
 
     def asked(self, chance: float, agreement: float) -> Choice:
         """Take in what the carried box says where it is on its own."""

@@ -53,7 +53,7 @@ STEADY = 0.005
 """Added to the unsteadiness of the segment, so that its logarithm, the third of them, is finite."""
 
 EARLY = 2.0
-"""By how much doubt is put off in the first frame, and ever less until `WITNESS_FRAMES`."""
+"""By how much doubt of a segment that leads is put off in the first frame, and ever less until `WITNESS_FRAMES`."""
 
 SPIN_WEIGHT, FAST_SPIN = 15.0, 0.06
 """Weight of the turn against doubt, and turn from which it does not rise, radians per frame."""
