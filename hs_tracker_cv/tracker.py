@@ -84,6 +84,11 @@ class TrackerHS:
     parameters : TrackerHS_Params, optional
         Copied: later changes to it do not reach the tracker.
 
+    Raises
+    ------
+    TypeError
+        For parameters of another kind, as those of OpenCV's trackers.
+
     Examples
     --------
     >>> import numpy as np
@@ -98,6 +103,8 @@ class TrackerHS:
     Params = TrackerHS_Params
 
     def __init__(self, parameters: TrackerHS_Params | None = None) -> None:
+        if not isinstance(parameters, TrackerHS_Params | None):
+            raise TypeError(f"expected TrackerHS_Params, got {shown(parameters)}")
         self._parameters = TrackerHS_Params.from_dict((parameters or TrackerHS_Params()).to_dict())
         self._track: Track | None = None
 

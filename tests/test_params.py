@@ -88,3 +88,10 @@ def test_rotation_is_a_bool() -> None:
     """A number is none."""
     with pytest.raises(TypeError, match="rotation"):
         TrackerHS_Params(rotation=1)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("other", [{"mode": "auto"}, "auto", 3])
+def test_the_tracker_takes_no_parameters_of_another_kind(other: Any) -> None:
+    """Those of another tracker are refused by a message that says what is expected."""
+    with pytest.raises(TypeError, match="expected TrackerHS_Params, got "):
+        TrackerHS_create(other)
