@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 import os
 import shutil
-import socket
 import sys
 import tempfile
 import threading
@@ -38,16 +37,16 @@ _LEAVE_SECONDS = 2.0  # to end what runs; whatever is left then ends by itself, 
 
 
 class _Home(NamedTuple):
-    """Where tasks come from."""
+    """Where tasks come from, and whether the workers are processes of its own."""
 
-    machine: str
     process: int
     path: tuple[str, ...]
     scratch: str
+    own: bool
 
     @classmethod
-    def here(cls, scratch: str) -> _Home:
-        return cls(socket.gethostname(), os.getpid(), tuple(entry or os.getcwd() for entry in sys.path), scratch)
+    def here(cls, scratch: str, own: bool) -> _Home:
+        return cls(os.getpid(), tuple(entry or os.getcwd() for entry in sys.path), scratch, own)
 
 
 def in_parallel(
@@ -90,7 +89,7 @@ def in_parallel(
                     alone = workers == 1 and not dask
                     calls = (
                         joblib.delayed(_here if alone else _elsewhere)(
-                            work, number, task, stop if alone else _Home.here(scratch)
+                            work, number, task, stop if alone else _Home.here(scratch, own=not dask)
                         )
                         for number, task in list(left.items())
                     )
@@ -125,7 +124,7 @@ def _here(work: Callable[[Any, threading.Event], Any], number: int, task: Any, s
 def _elsewhere(work: Callable[[Any, threading.Event], Any], number: int, task: Any, home: _Home) -> Any:
     """Do a task in a worker, which may be older than what its sender can import by now."""
     sys.path.extend(entry for entry in home.path if entry not in sys.path and os.path.isdir(entry))
-    if (socket.gethostname(), os.getppid()) == (home.machine, home.process):
+    if home.own:  # even if it has ended before this first task: then this worker ends, too
         os.environ[SCRATCH_ROOT] = home.scratch
         _leave_with(home.process, home.scratch)
     return number, work(task, _GONE)

@@ -195,8 +195,8 @@ def test_no_label_is_written_over_another() -> None:
 
 
 def _count(picture: NDArray[np.uint8], colour: tuple[int, int, int]) -> int:
-    """Pixels of a colour, unmixed: of letters, as lines are drawn between pixels."""
-    return int((picture == np.array(colour)).all(axis=2).sum())
+    """Pixels of a colour, hardly mixed: of letters. Lines lie between pixels; OpenCV 4 mixes all a little."""
+    return int((np.abs(picture.astype(int) - np.array(colour)).max(axis=2) <= 8).sum())
 
 
 def test_results_display_themselves_in_jupyter() -> None:

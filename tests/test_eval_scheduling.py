@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 import tracemalloc
@@ -25,6 +26,8 @@ from eval.results import COMPLETED, Folder, ResultsError, Run
 from eval.scheduling import in_parallel
 from eval.sequences import Sequence
 from eval.trackers import TrackerSpec, find_tracker
+
+ROOT = Path(__file__).parents[1]
 
 pytestmark = pytest.mark.once
 
@@ -193,6 +196,24 @@ def test_a_cluster_gives_the_same_bytes_and_survives_a_kill(odd: Callable[..., T
         run_jobs(jobs, there, workers=2, dask=cluster.scheduler_address, report=report)
     assert killed
     assert bytes_of(here) == bytes_of(there)
+
+
+def test_a_worker_whose_runner_has_ended_before_its_first_task_ends(tmp_path: Path) -> None:
+    """It neither goes on for nobody, nor leaves the runner's folder behind; a task is told first."""
+    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
+    scratch, told = tmp_path / "scratch", tmp_path / "told"
+    scratch.mkdir()
+    worker = f"""
+from pathlib import Path
+from eval.scheduling import _Home, _elsewhere
+def work(task, stop):
+    stop.wait(100)
+    Path({str(told)!r}).write_text(task)
+    stop.wait(0) and __import__("time").sleep(100)
+_elsewhere(work, 0, "told", _Home({int(gone.stdout)}, (), {str(scratch)!r}, own=True))
+"""
+    done = subprocess.run([sys.executable, "-c", worker], cwd=ROOT, timeout=90)
+    assert (done.returncode, told.read_text(), scratch.exists()) == (1, "told", False)
 
 
 def test_without_dask_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
