@@ -5,7 +5,6 @@ A worker that is killed costs time and nothing else: what it had not handed back
 
 from __future__ import annotations
 
-import functools
 import os
 import shutil
 import sys
@@ -37,16 +36,14 @@ _LEAVE_SECONDS = 2.0  # to end what runs; whatever is left then ends by itself, 
 
 
 class _Home(NamedTuple):
-    """Where tasks come from, and whether the workers are processes of its own."""
+    """Where tasks come from: what can be imported there, and where workers of its own put their folders, or ""."""
 
-    process: int
     path: tuple[str, ...]
     scratch: str
-    own: bool
 
     @classmethod
-    def here(cls, scratch: str, own: bool) -> _Home:
-        return cls(os.getpid(), tuple(entry or os.getcwd() for entry in sys.path), scratch, own)
+    def here(cls, scratch: str) -> _Home:
+        return cls(tuple(entry or os.getcwd() for entry in sys.path), scratch)
 
 
 def in_parallel(
@@ -82,14 +79,14 @@ def in_parallel(
     try:
         for attempt in range(1, ATTEMPTS + 1):
             try:
-                with _dask_backend(dask) if dask else joblib.parallel_config(backend="loky"):
+                with _dask_backend(dask) if dask else _own_backend():
                     pool = joblib.Parallel(
                         n_jobs=-1 if dask else workers, return_as="generator_unordered", batch_size=1, max_nbytes=None
                     )
                     alone = workers == 1 and not dask
                     calls = (
                         joblib.delayed(_here if alone else _elsewhere)(
-                            work, number, task, stop if alone else _Home.here(scratch, own=not dask)
+                            work, number, task, stop if alone else _Home.here("" if dask else scratch)
                         )
                         for number, task in list(left.items())
                     )
@@ -124,9 +121,8 @@ def _here(work: Callable[[Any, threading.Event], Any], number: int, task: Any, s
 def _elsewhere(work: Callable[[Any, threading.Event], Any], number: int, task: Any, home: _Home) -> Any:
     """Do a task in a worker, which may be older than what its sender can import by now."""
     sys.path.extend(entry for entry in home.path if entry not in sys.path and os.path.isdir(entry))
-    if home.own:  # even if it has ended before this first task: then this worker ends, too
+    if home.scratch:
         os.environ[SCRATCH_ROOT] = home.scratch
-        _leave_with(home.process, home.scratch)
     return number, work(task, _GONE)
 
 
@@ -134,8 +130,15 @@ _GONE = threading.Event()
 """Set in a worker when the process that wants its results is gone, as far as that can be seen from there."""
 
 
-@functools.cache
-def _leave_with(parent: int, scratch: str) -> None:
+def _own_backend() -> AbstractContextManager[Any]:
+    """Processes of ours, which watch us from their start: one that has no task yet must not outlive us either."""
+    backend: AbstractContextManager[Any] = joblib.parallel_config(
+        backend="loky", initializer=_leave_with, initargs=(os.getpid(),)
+    )
+    return backend
+
+
+def _leave_with(parent: int) -> None:
     """End this process, and first what it is doing, when its parent has ended without a word."""
 
     def watch() -> None:
@@ -143,7 +146,8 @@ def _leave_with(parent: int, scratch: str) -> None:
             time.sleep(_GLANCE_SECONDS)
         _GONE.set()
         time.sleep(_LEAVE_SECONDS)
-        shutil.rmtree(scratch, ignore_errors=True)
+        if SCRATCH_ROOT in os.environ:
+            shutil.rmtree(os.environ[SCRATCH_ROOT], ignore_errors=True)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

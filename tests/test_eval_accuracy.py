@@ -791,8 +791,7 @@ def test_an_interrupted_run_goes_on(
             time.sleep(0.05)
             workers = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(number)
-        # A worker that had no task yet does not see the runner end: it leaves after loky's 300 s without one.
-        _, message = process.communicate(timeout=420.0)
+        _, message = process.communicate(timeout=240.0)
         assert all(gone(worker.pid) for worker in workers)
         while list(scratch.glob("hs_eval-*")) and time.monotonic() < deadline + 60.0:
             time.sleep(0.05)

@@ -198,22 +198,43 @@ def test_a_cluster_gives_the_same_bytes_and_survives_a_kill(odd: Callable[..., T
     assert bytes_of(here) == bytes_of(there)
 
 
-def test_a_worker_whose_runner_has_ended_before_its_first_task_ends(tmp_path: Path) -> None:
-    """It neither goes on for nobody, nor leaves the runner's folder behind; a task is told first."""
+@pytest.mark.parametrize("busy", [True, False])
+def test_a_worker_whose_runner_has_ended_ends(busy: bool, tmp_path: Path) -> None:
+    """Told before its task or without one, it neither goes on for nobody, nor leaves the runner's folder behind."""
     gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True)
     scratch, told = tmp_path / "scratch", tmp_path / "told"
     scratch.mkdir()
     worker = f"""
+import time
 from pathlib import Path
-from eval.scheduling import _Home, _elsewhere
+from eval.scheduling import _Home, _elsewhere, _leave_with
 def work(task, stop):
     stop.wait(100)
     Path({str(told)!r}).write_text(task)
-    stop.wait(0) and __import__("time").sleep(100)
-_elsewhere(work, 0, "told", _Home({int(gone.stdout)}, (), {str(scratch)!r}, own=True))
+    stop.wait(0) and time.sleep(100)
+_leave_with({int(gone.stdout)})
+if {busy}:
+    _elsewhere(work, 0, "told", _Home((), {str(scratch)!r}))
+time.sleep(100)
 """
     done = subprocess.run([sys.executable, "-c", worker], cwd=ROOT, timeout=90)
-    assert (done.returncode, told.read_text(), scratch.exists()) == (1, "told", False)
+    assert done.returncode == 1
+    assert (told.read_text() if told.exists() else None) == ("told" if busy else None)
+    assert scratch.exists() is not busy
+
+
+def test_workers_watch_their_runner_before_their_first_task() -> None:
+    """Those of a pool that is killed as soon as it has started are gone with it, though they were given nothing."""
+    runner = """
+import os, signal
+from eval.scheduling import in_parallel
+def work(task, stop):
+    os.kill(os.getppid(), signal.SIGKILL)
+    stop.wait(100)
+list(in_parallel(work, [1], workers=2))
+"""
+    done = subprocess.run([sys.executable, "-c", runner], cwd=ROOT, stderr=subprocess.PIPE, timeout=90)
+    assert done.returncode == -signal.SIGKILL
 
 
 def test_without_dask_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
