@@ -28,7 +28,7 @@ def after(
     unexplained: float,
     difference: float = 0.0,
     choice: Choice | None = None,
-    steadiness: Steadiness | None = STEADY,
+    steadiness: Steadiness = STEADY,
 ) -> Choice:
     """The choice after the same measurements `count` times."""
     choice = (choice or Choice()).asked(1.0, 0.8)
@@ -139,7 +139,7 @@ def test_a_switch_needs_doubt_and_restarts_the_count(values: list[tuple[float, f
     """Trust changes only where the doubt has passed zero by the hysteresis; `since` restarts at each change."""
     choice = Choice()
     for value in values:
-        following = updated(choice, *value)
+        following = updated(choice, *value, choice.steadiness)
         if following.trusted != choice.trusted:
             assert following.since == 0
             assert (following.doubt > 0) is choice.trusted
@@ -177,7 +177,7 @@ def test_a_sure_carried_box_elsewhere_is_followed() -> None:
     for chance, place, trusted in ((0.9, 0.1, False), (0.9, 0.9, True), (0.4, 0.1, True)):
         choice = Choice()
         for _ in range(10):
-            choice = updated(choice.asked(chance, place), 0.01, None)
+            choice = updated(choice.asked(chance, place), 0.01, None, choice.steadiness)
         assert choice.trusted is trusted
 
 
@@ -186,7 +186,7 @@ def test_doubt_alone_leaves_a_segment_to_a_carried_box_that_is_likely_right_only
     for chance, agreed, trusted in ((0.9, 0.8, False), (0.3, 0.8, True), (0.9, 0.95, True)):
         choice = Choice()
         for _ in range(10):
-            choice = updated(choice.asked(chance, agreed), 0.5, None)
+            choice = updated(choice.asked(chance, agreed), 0.5, None, choice.steadiness)
         assert choice.trusted is trusted
 
 

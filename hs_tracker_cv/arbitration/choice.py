@@ -111,9 +111,7 @@ class Choice:
         return 1.0 / (1.0 + math.exp(-tuning.SEGMENT_OFFSET - evidence))
 
 
-def updated(
-    choice: Choice, unexplained: float, difference: float | None, steadiness: Steadiness | None = None
-) -> Choice:
+def updated(choice: Choice, unexplained: float, difference: float | None, steadiness: Steadiness) -> Choice:
     """Take in the measurements of one frame.
 
     Parameters
@@ -125,8 +123,8 @@ def updated(
     difference : float or None
         `size_difference` of the two boxes in this frame; None when the carried box is no witness, not being sure
         itself. Not used after the first `tuning.WITNESS_FRAMES`.
-    steadiness : Steadiness, optional
-        That of the segment after this frame; as it was when not given.
+    steadiness : Steadiness
+        Of the segment after this frame.
 
     Returns
     -------
@@ -147,7 +145,7 @@ def updated(
         size_difference=size,
         witnessed=witnessed,
         since=choice.since + 1,
-        steadiness=steadiness or choice.steadiness,
+        steadiness=steadiness,
     )
     if frames < tuning.FIRST_SWITCH:
         return seen

@@ -110,11 +110,16 @@ void last_frame(const Explanations &seen, Index begin, Index m, Chunk *chunk) {
     float *HS_RESTRICT still = chunk->still, *HS_RESTRICT other = chunk->other;
     const float *HS_RESTRICT image = seen.image + 3 * begin, *HS_RESTRICT moved = seen.moved + 3 * begin;
     const float *HS_RESTRICT carried = seen.carried + 3 * begin;
+    int unknown = 0;
     for (Index i = 0; i < m; ++i) {
-        const float d = square_sum(image + 3 * i, moved + 3 * i), e = square_sum(image + 3 * i, carried + 3 * i);
         const bool fresh = counts[i] < KNOWN;
-        still[i] = fresh | (odds[i] <= 0.0f) ? d : NOTHING;
-        other[i] = fresh ? e : NOTHING;
+        still[i] = fresh | (odds[i] <= 0.0f) ? square_sum(image + 3 * i, moved + 3 * i) : NOTHING;
+        unknown += fresh;
+    }
+    if (unknown == 0) return; // `other` is nothing
+    for (Index i = 0; i < m; ++i) {
+        const float e = square_sum(image + 3 * i, carried + 3 * i);
+        other[i] = counts[i] < KNOWN ? e : NOTHING;
     }
 }
 
