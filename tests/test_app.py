@@ -420,6 +420,35 @@ def test_rivals_and_parameters_catch_up(page: Page) -> None:
 
 
 @pytest.mark.browser
+def test_what_is_ticked_fast_counts_in_its_order(page: Page) -> None:
+    """Clicks that come faster than their work is done: at the end the table shows just what is ticked."""
+    _drag(page.page, (60, 70), (100, 110))
+    page.await_text("hint", "at frame 0")
+    for ticked in ("CSRT", "KCF"):
+        # Both on, and all but one off again; each click starts trackers anew while others are still starting.
+        clicks = ["CSRT", "KCF", "MIL"] * 4 + [ticked]
+        page.page.evaluate(
+            """async (clicks) => {
+                for (const name of clicks) {
+                    document.querySelector(`[data-part=use-${name}]`).click();
+                    await new Promise((drawn) => requestAnimationFrame(drawn));
+                }
+            }""",
+            clicks,
+        )
+        page.drag_slider("scrub", 0.5 if ticked == "CSRT" else 1.0)
+        page.page.wait_for_function(
+            """names => {
+                const cells = document.querySelectorAll("[data-part=tracks] td:first-child");
+                return [...cells].map((cell) => cell.innerText).join() === names;
+            }""",
+            arg=f"TrackerHS 1,{ticked} 1",
+            timeout=PATIENCE,
+        )
+        page.click(f"use-{ticked}")
+
+
+@pytest.mark.browser
 def test_a_proposed_region_is_clicked_and_a_second_box_added(page: Page) -> None:
     """What moves is drawn dashed; a click inside follows it; the switch keeps it when another box is drawn."""
     page.drag_slider("scrub", 0.25)

@@ -77,12 +77,12 @@ class Controls:
 
     async def _choose(self) -> None:
         names = [name for name, box in self._chosen.items() if box.value]
-        if await self._page.do(self._session.choose, names):
+        if await self._page.change(self._session.choose, names):
             await self._page.catch_up()
 
     async def _parameters(self) -> None:
         parameters = TrackerHS_Params(mode=self._mode.value, rotation=self._rotation.value)
-        if parameters != self._session.parameters and await self._page.do(self._session.set_parameters, parameters):
+        if await self._page.change(self._session.set_parameters, parameters):
             await self._page.catch_up()
 
     def _method(self) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -86,7 +88,9 @@ class Page:
     def __init__(self, session: Session, *, opens: bool) -> None:
         self.session = session
         self.goal: int | None = None
+        self.asked = 0
         self.pursuing = False
+        self.turn = asyncio.Lock()
         self.playing = False
         self.left = False
         self.due = 0.0
@@ -206,7 +210,7 @@ class Page:
             self.name.set_value(name)  # which comes back here
             return
         self.picker.clear()
-        opened = await self.do(self.session.open, name)
+        opened = await self.change(self.session.open, name)
         self.hint.set_text("Drag a box round an object, at any frame." if opened else "Open another video.")
         if opened:
             await self.pursue(0)
@@ -273,19 +277,21 @@ class Page:
         if not self.session.opened:
             return
         self.goal = max(goal, 0)
+        self.asked += 1
         if self.pursuing:
             return
         self.pursuing = True
         try:
             while self.goal is not None and not self.left:
-                goal = self.goal
-                advanced = await self.do(self._advance, goal)
+                asked = self.asked
+                advanced = await self.do(self._advance, self.goal)
                 # After an error it stays at the last frame before.
                 arrived, shown = advanced or (True, await run.io_bound(self._render))
                 if shown is None or self.left:
                     return
                 await self._show(shown)
-                if arrived and self.goal == goal:
+                # The same frame may have been asked for again meanwhile, for tracks that are new.
+                if arrived and self.asked == asked:
                     self.goal = None
         finally:
             self.pursuing = False
@@ -345,7 +351,7 @@ class Page:
             return
         self._play(False)
         whole = Box(*box.rounded())
-        if await self.do(self.session.start, whole, add=self.controls.several.value):
+        if await self.change(partial(self.session.start, whole, add=self.controls.several.value)):
             self.hint.set_text(f"box {', '.join(f'{side:g}' for side in whole)} at frame {self.session.index}")
             self.picker.clear()
             await self.catch_up()
@@ -389,7 +395,7 @@ class Page:
     async def forget(self) -> None:
         """Take all boxes away and go back to where the first was drawn."""
         self._play(False)
-        if self.session.opened and await self.do(self.session.forget):
+        if self.session.opened and await self.change(self.session.forget):
             self.hint.set_text("Drag a box round an object, at any frame.")
             self.picker.clear()
             await self.catch_up()
@@ -406,6 +412,11 @@ class Page:
             await self._step(by if event.key.arrow_right else -by)
         elif event.key == "r":
             await self.forget()
+
+    async def change(self, work: Callable[..., Any], *args: Any) -> Any:
+        """As `do`, after all changes that were asked for before: threads that wait for a lock have no order."""
+        async with self.turn:
+            return await self.do(work, *args)
 
     async def do(self, work: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         """Do something in a thread, and say what goes wrong; True for what returns nothing, None after an error."""
