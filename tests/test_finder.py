@@ -63,6 +63,11 @@ def test_transform_is_that_of_numpy(rng: np.random.Generator, channels: int) -> 
     np.testing.assert_allclose(spectrum[:, :, 1], expected.imag, atol=2e-4)
 
 
+def learning(memory: float, coupling: float, rounds: int = 1) -> kernels.FilterLearning:
+    """How filters are learned here."""
+    return kernels.FilterLearning(memory=memory, coupling=coupling, growth=10.0, rounds=rounds)
+
+
 def _complex(spectrum: F32) -> NDArray[np.complex128]:
     return spectrum[:, :, 0].astype(np.float64) + 1j * spectrum[:, :, 1]
 
@@ -74,7 +79,7 @@ def test_filter_solves_its_equations(rng: np.random.Generator, first: bool) -> N
     spectrum, old = (rng.normal(size=(CELLS, HALF, 2, channels)).astype(np.float32) for _ in range(2))
     target, learned = rng.normal(size=(CELLS, HALF)).astype(np.float32), np.empty_like(spectrum)
     penalty = np.zeros((CELLS, CELLS), np.float32)
-    kernels.adapt(spectrum, target, penalty, None if first else old, memory, coupling, 10.0, 1, learned)
+    kernels.adapt(spectrum, target, penalty, None if first else old, learning(memory, coupling), learned)
     share, weight = 1.0 / CELLS**2, coupling + (0.0 if first else memory)
     x, before = _complex(spectrum), 0.0 if first else memory * _complex(old)
     for i, j in ((0, 0), (3, 7), (20, 20), (39, 1)):
@@ -98,7 +103,7 @@ def test_more_rounds_keep_the_filter_closer_inside() -> None:
     outside = []
     for rounds in (1, 2, 6):
         learned = np.empty_like(spectrum)
-        kernels.adapt(spectrum, LATTICE.target, LATTICE.penalty, None, 15.0, 1.0, 10.0, rounds, learned)
+        kernels.adapt(spectrum, LATTICE.target, LATTICE.penalty, None, learning(15.0, 1.0, rounds), learned)
         weight = (np.fft.irfft2(_complex(learned), s=(CELLS, CELLS), axes=(0, 1)) ** 2).sum(axis=2)
         outside.append(weight[LATTICE.penalty > 1].sum() / weight.sum())
     assert outside[0] > outside[1] > 10 * outside[2]
@@ -116,7 +121,7 @@ def test_peak_between_samples_is_that_of_the_function(dx: float, dy: float) -> N
     learned[:, :, 0, 3] = 1.0
     response = np.empty((CELLS, CELLS), np.float32)
     x, y, height, value, *_, witness = kernels.respond(
-        learned, np.float32(0.5) * learned, spectrum, 0.0, 0.0, 0.0, 0.0, 0.0, response
+        learned, np.float32(0.5) * learned, spectrum, finder.NO_FADE, response
     )
     assert (x, y) == (pytest.approx(dx, abs=0.01), pytest.approx(dy, abs=0.01))
     top = np.fft.irfft2(bell, s=(CELLS, CELLS))[0, 0]
@@ -136,7 +141,7 @@ def test_fade_chooses_the_nearer_of_two_peaks() -> None:
     # The window's centre is 3 cells to the left of the point and 1 below it; a unit is 4 cells across, and 2 down.
     fade = (0.001, -3 / 4, 1 / 2, 1 / 4, 1 / 2)
     x, y, height, value, second, *_ = kernels.respond(
-        learned, learned, spectrum, *fade, np.empty((CELLS, CELLS), np.float32)
+        learned, learned, spectrum, fade, np.empty((CELLS, CELLS), np.float32)
     )
     assert (round(x), round(y)) == (10, -5)
     assert value == pytest.approx(height - 0.001 * ((7 / 4) ** 2 + (4 / 2) ** 2), abs=1e-5)
@@ -154,12 +159,12 @@ def test_levels_agree_bit_by_bit(level: None, channels: int) -> None:
         for angle in (0.0, 0.3):
             features, grays = np.empty((CELLS, CELLS, 24), np.float32), np.empty((CELLS, CELLS), np.float32)
             at = (149.2, 151.7, 1.3, 0.9, angle)
-            kernels.describe(picture, *at, LATTICE.fade, finder.colour_names(channels), features, grays)
+            kernels.describe(picture, at, LATTICE.fade, finder.colour_names(channels), features, grays)
             spectrum, learned = np.empty((2, CELLS, HALF, 2, 24), np.float32)
             kernels.transform(features, spectrum)
-            kernels.adapt(spectrum, LATTICE.target, LATTICE.penalty, spectrum, 15.0, 1.0, 10.0, 2, learned)
+            kernels.adapt(spectrum, LATTICE.target, LATTICE.penalty, spectrum, learning(15.0, 1.0, 2), learned)
             response = np.empty((CELLS, CELLS), np.float32)
-            peak = kernels.respond(learned, spectrum, spectrum, 0.0, 0.0, 0.0, 0.0, 0.0, response)
+            peak = kernels.respond(learned, spectrum, spectrum, finder.NO_FADE, response)
             out += [features, grays, spectrum, learned, response, np.asarray(peak, np.float32)]
         results.append(out)
     for other in results[1:]:
@@ -171,10 +176,10 @@ def test_grays_are_means_of_pixels() -> None:
     """With a step of one pixel a cell is the mean of 4 × 4 pixels, and beyond the picture its border is repeated."""
     picture = np.random.default_rng(7).uniform(0, 255, (200, 220, 1)).astype(np.float32)
     grays = np.empty((CELLS, CELLS), np.float32)
-    kernels.shade(picture, 99.5, 99.5, 1.0, 1.0, 0.0, grays)
+    kernels.shade(picture, (99.5, 99.5, 1.0, 1.0, 0.0), grays)
     expected = picture[20:180, 20:180, 0].reshape(CELLS, 4, CELLS, 4).mean(axis=(1, 3))
     np.testing.assert_allclose(grays, expected, rtol=1e-5)
-    kernels.shade(picture, 1e6, 1e6, 1.0, 1.0, 0.0, grays)
+    kernels.shade(picture, (1e6, 1e6, 1.0, 1.0, 0.0), grays)
     np.testing.assert_allclose(grays, picture[-1, -1, 0], rtol=1e-5)
 
 
@@ -187,9 +192,8 @@ def test_direction_has_its_channel(turn: int) -> None:
     for picture in (wave, 256 - wave):
         features, grays = np.empty((CELLS, CELLS, 16), np.float32), np.empty((CELLS, CELLS), np.float32)
         ones = np.ones((CELLS, CELLS), np.float32)
-        kernels.describe(
-            np.ascontiguousarray(picture[:, :, np.newaxis]), 99.5, 99.5, 1.0, 1.0, 0.0, ones, None, features, grays
-        )
+        pixels = np.ascontiguousarray(picture[:, :, np.newaxis])
+        kernels.describe(pixels, (99.5, 99.5, 1.0, 1.0, 0.0), ones, None, features, grays)
         assert int(features[5:-5, 5:-5, :9].mean(axis=(0, 1)).argmax()) == turn
 
 
@@ -198,9 +202,9 @@ def test_direction_has_its_channel(turn: int) -> None:
     [
         ({"picture": np.zeros((5, 5, 2), np.float32)}, ValueError, "1 or 3 channels"),
         ({"picture": np.zeros((5, 5, 3))}, TypeError, "picture.*float64"),
-        ({"step_x": 0.0}, ValueError, "steps 0.0"),
-        ({"x": float("nan")}, ValueError, "finite place"),
-        ({"angle": float("inf")}, ValueError, "finite place"),
+        ({"at": (2.0, 2.0, 0.0, 1.0, 0.0)}, ValueError, "steps 0.0"),
+        ({"at": (np.nan, 2.0, 1.0, 1.0, 0.0)}, ValueError, "finite place"),
+        ({"at": (2.0, 2.0, 1.0, 1.0, np.inf)}, ValueError, "finite place"),
         ({"names": np.zeros((32, 9), np.float32)}, ValueError, "names.*32768"),
         ({"features": np.zeros((40, 40, 16), np.float32)}, ValueError, "features.*24"),
     ],
@@ -209,11 +213,7 @@ def test_what_describe_refuses_is_named(change: dict[str, object], error: type[E
     """Arguments that a kernel cannot work with raise an error that names them."""
     arguments: dict[str, object] = {
         "picture": np.zeros((5, 5, 3), np.float32),
-        "x": 2.0,
-        "y": 2.0,
-        "step_x": 1.0,
-        "step_y": 1.0,
-        "angle": 0.0,
+        "at": (2.0, 2.0, 1.0, 1.0, 0.0),
         "fade": LATTICE.fade,
         "names": finder.colour_names(3),
         "features": np.empty((40, 40, 24), np.float32),

@@ -14,7 +14,7 @@ from hs_tracker_cv._native import kernels
 pytestmark = pytest.mark.once
 
 H, W = 20, 23
-PLACE: dict[str, Any] = {"x": 11.3, "y": 9.2, "step_x": 1.3, "step_y": 1.1, "angle": 0.0}
+PLACE: dict[str, Any] = {"at": (11.3, 9.2, 1.3, 1.1, 0.0)}
 
 
 def noise(*shape: int) -> NDArray[np.float32]:
@@ -53,10 +53,30 @@ def arguments(name: str) -> dict[str, Any]:
         "means": noise(4, 20, 22),
     }
     now = {"weights": smooth(20, 22), "planes": smooth(3, 20, 22), "flow": smooth(20, 22, 2), "patch": noise(20, 22)}
-    move = {"right": 0.2, "down": -0.3, "cosine": 1.01, "sine": 0.02, "same": 16.0, "changed": 40.0, "rate": 0.2}
+    move = {"way": (0.2, -0.3, 1.01, 0.02), "same": 16.0, "changed": 40.0, "rate": 0.2}
     rates = {"mean_rate": 0.03, "mask_rate": 0.1, "floor": 0.15}
     out = {"out": np.empty((10, 11), np.float32), "learned": np.empty((4, 20, 22), np.float32)}
     return {**before, **now, **move, **rates, **out}
+
+
+STRUCTS: dict[str, dict[str, tuple[type, tuple[str, ...]]]] = {
+    "fit_motion": {"priors": (kernels.FitPriors, ("prior", "outside", "likelihood", "ratio"))},
+    "update_persistence": {
+        "before": (kernels.KnownBefore, ("persistence", "body", "previous", "means", "weights")),
+        "passage": (kernels.Passage, ("planes", "flow", "patch", "way")),
+        "how": (kernels.PersistenceRates, ("same", "changed", "rate", "mean_rate", "mask_rate", "floor")),
+    },
+}
+"""Arguments of a kernel that are structs, and which of `arguments` each holds."""
+
+
+def run(name: str, given: dict[str, Any]) -> Any:
+    """Call a kernel."""
+    given = dict(given)
+    for key, (struct, fields) in STRUCTS.get(name, {}).items():
+        given[key] = struct(**{field: given.pop(field) for field in fields})
+    kernel: Callable[..., Any] = getattr(kernels, name)
+    return kernel(**given)
 
 
 WRITTEN = {
@@ -72,8 +92,7 @@ ARRAYS = [(name, key) for name in WRITTEN for key, value in arguments(name).item
 
 def call(name: str, **changes: Any) -> Any:
     """Call a kernel with good arguments but for the changes."""
-    kernel: Callable[..., Any] = getattr(kernels, name)
-    return kernel(**{**arguments(name), **changes})
+    return run(name, {**arguments(name), **changes})
 
 
 @pytest.mark.parametrize(("name", "key"), ARRAYS)
@@ -108,10 +127,10 @@ def test_read_only_results_are_refused(name: str, key: str) -> None:
         ("sample", {"picture": noise(30, 31, 2)}, "1 or 3 channels, got 30 x 31 and 2"),
         ("sample", {"picture": noise(1, 31, 3)}, "picture to have at least 2 x 2 pixels"),
         ("patch", {"gray": noise(30, 1)}, "gray to have at least 2 x 2 elements, got 30 x 1"),
-        ("patch", {"step_x": 0.0}, "steps between 0 and 1e4"),
+        ("patch", {"at": (11.3, 9.2, 0.0, 1.1, 0.0)}, "steps between 0 and 1e4"),
         ("patch", {"scores": np.empty(3)}, r"scores to have shape \(2,\), got \(3,\)"),
         ("likelihood", {"histograms": smooth(2, 64)}, r"histograms to have shape \(2, 4096\)"),
-        ("likelihood", {"x": np.nan}, "finite place"),
+        ("likelihood", {"at": (np.nan, 9.2, 1.3, 1.1, 0.0)}, "finite place"),
         ("likelihood", {"likelihood": smooth(1, 5)}, "likelihood to have at least 2 x 2"),
         ("learn_colours", {"old": smooth(2, 4096)}, r"old to have shape \(2, 64\)"),
         ("fit_motion", {"outside": smooth(H, H)}, r"outside to have shape \(20, 23\), got \(20, 20\)"),
@@ -133,16 +152,17 @@ def test_sizes_and_numbers_are_checked(name: str, change: dict[str, Any], messag
 @pytest.mark.usefixtures("level")
 @pytest.mark.parametrize("name", WRITTEN)
 @pytest.mark.parametrize(
-    "change", [{}, {"angle": 0.4}, {"step_x": 3.7, "x": -5.0}], ids=["straight", "turned", "off"]
+    "at", [PLACE["at"], (11.3, 9.2, 1.3, 1.1, 0.4), (-5.0, 9.2, 3.7, 1.1, 0.0)], ids=["straight", "turned", "off"]
 )
-def test_all_levels_give_the_same_bits(name: str, change: dict[str, float]) -> None:
+def test_all_levels_give_the_same_bits(name: str, at: tuple[float, ...]) -> None:
     """Also turned, and beyond the border of the picture."""
     results = set()
     for each in kernels.levels():
         kernels.use_level(each)
         given = arguments(name)
-        given.update({key: value for key, value in change.items() if key in given})
-        answer = getattr(kernels, name)(**given)
+        if "at" in given:
+            given["at"] = at
+        answer = run(name, given)
         results.add(repr(answer).encode() + b"".join(given[key].tobytes() for key in WRITTEN[name]))
     assert len(results) == 1
 

@@ -356,7 +356,8 @@ def _follow(
     a = cv2.remap(b, x + field[:, :, 0], y + field[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     prior = np.ones((height, width), np.float32) if object_ is None else object_.astype(np.float32)
     planes = np.empty((3, height, width), np.float32)
-    found = kernels.fit_motion(a, b, field, prior, None, 0.5, 1 - prior, turning, separation, planes)
+    priors = kernels.FitPriors(prior, 1 - prior, None, 0.5)
+    found = kernels.fit_motion(a, b, field, priors, turning, separation, planes)
     return list(found), planes
 
 
@@ -402,9 +403,17 @@ def test_colours_are_read_from_their_own_lattice() -> None:
     likelihood[:, :] = np.arange(40) / 40
     a, still = np.ascontiguousarray(_texture(6, 24, 28, False)[:, :, 0]), np.zeros((24, 28, 2), np.float32)
     prior, planes = np.full((24, 28), 2.0, np.float32), np.empty((3, 24, 28), np.float32)
-    kernels.fit_motion(a, a, still, prior, likelihood, 0.5, prior, False, -1.0, planes)
+    kernels.fit_motion(a, a, still, kernels.FitPriors(prior, prior, likelihood, 0.5), False, -1.0, planes)
     at = (19.5 + (np.arange(28) - 13.5) * 0.5) / 40
     np.testing.assert_allclose(planes[2], np.broadcast_to(2.0 * (0.1 + at), (24, 28)), atol=1e-5)
+
+
+STAY = (0.0, 0.0, 1.0, 0.0)
+
+
+def rates(rate: float, mean: float, mask: float) -> kernels.PersistenceRates:
+    """How persistence goes on here."""
+    return kernels.PersistenceRates(same=16.0, changed=40.0, rate=rate, mean_rate=mean, mask_rate=mask, floor=0.15)
 
 
 def _keep(change: float, rate: float, mean: float, belongs: float = 1.0) -> NDArray[np.float32]:
@@ -419,10 +428,11 @@ def _keep(change: float, rate: float, mean: float, belongs: float = 1.0) -> NDAr
     means[0] = patch + mean
     kept, body = np.full((20, 24), 0.8, np.float32), np.ones((20, 24), np.float32)
     out, new = np.empty((20, 24), np.float32), np.empty_like(means)
-    kernels.update_persistence(
-        kept, body, previous, means, patch, planes, flow, patch, 0.0, 0.0, 1.0, 0.0, 16.0, 40.0, rate, 0.0, 0.0, 0.15,
-        out, new,
-    )  # fmt: skip
+    before, passage = (
+        kernels.KnownBefore(kept, body, previous, means, patch),
+        kernels.Passage(planes, flow, patch, STAY),
+    )
+    kernels.update_persistence(before, passage, rates(rate, 0.0, 0.0), out, new)
     np.testing.assert_array_equal(new[:3], means[:3])
     return out[3:-3, 3:-3]
 
@@ -452,10 +462,8 @@ def test_running_means() -> None:
     planes[0], planes[1] = 0.2, 1.0  # half of the mask's rate
     patch, weights, half = np.zeros((4, 6), np.float32), np.full((4, 6), 0.5, np.float32), np.ones((2, 3), np.float32)
     flow = np.zeros((4, 6, 2), np.float32)
-    kernels.update_persistence(
-        half, half, patch, old, weights, planes, flow, patch, 0.0, 0.0, 1.0, 0.0, 16.0, 40.0, 0.0, 0.1, 0.4, 0.15,
-        half.copy(), new,
-    )  # fmt: skip
+    before, passage = kernels.KnownBefore(half, half, patch, old, weights), kernels.Passage(planes, flow, patch, STAY)
+    kernels.update_persistence(before, passage, rates(0.0, 0.1, 0.4), half.copy(), new)
     expected = [9.0, 4.6, 0.6, 0.5 * 0.75 / (1.0 + 0.46**2)]
     np.testing.assert_allclose(new, np.broadcast_to(np.asarray(expected)[:, None, None], new.shape), rtol=1e-5)
 

@@ -266,10 +266,10 @@ def _spectrum(finder: Finder, scene: Scene) -> tuple[F32, float]:
     lattice, channels, change = finder.lattice, finder.filter.shape[3], 0.0
     features, grays = np.empty((CELLS, CELLS, channels), np.float32), np.empty((CELLS, CELLS), np.float32)
     names = colour_names(scene.picture.shape[2]) if channels == _COLOUR_CHANNELS else None
-    kernels.describe(scene.picture, *scene.at, lattice.fade, names, features, grays)
+    kernels.describe(scene.picture, scene.at, lattice.fade, names, features, grays)
     if scene.before is not None:
         then = np.empty_like(grays)
-        kernels.shade(scene.before, *scene.then, then)
+        kernels.shade(scene.before, scene.then, then)
         changes = np.abs(grays - then)
         around = changes[lattice.around]
         if around.size:
@@ -292,17 +292,17 @@ def _spectrum(finder: Finder, scene: Scene) -> tuple[F32, float]:
 def _respond(finder: Finder, spectrum: F32, change: float, fade: Fade) -> Peak:
     response, unit = np.empty((CELLS, CELLS), np.float32), finder.unit
     scaled = fade._replace(weight=fade.weight * unit)
-    dx, dy, *heights = kernels.respond(finder.filter, finder.witness, spectrum, *scaled, response)
+    dx, dy, *heights = kernels.respond(finder.filter, finder.witness, spectrum, scaled, response)
     height, value, second, mean, deviation, witness = (height / unit for height in heights)
     response *= np.float32(1.0 / unit)
     return Peak(dx, dy, height, value, second, mean, deviation, witness, change, response)
 
 
 def _adapt(spectrum: F32, lattice: Lattice, old: F32 | None, filter_: F32) -> None:
-    kernels.adapt(
-        spectrum, lattice.target, lattice.penalty, old, tuning.MEMORY, tuning.COUPLING, tuning.COUPLING_GROWTH,
-        tuning.ROUNDS, filter_,
-    )  # fmt: skip
+    how = kernels.FilterLearning(
+        memory=tuning.MEMORY, coupling=tuning.COUPLING, growth=tuning.COUPLING_GROWTH, rounds=tuning.ROUNDS
+    )
+    kernels.adapt(spectrum, lattice.target, lattice.penalty, old, how, filter_)
 
 
 def likelihood(seen: Peak, level: float) -> float:

@@ -48,14 +48,14 @@ def fine(gray: F32, at: Place, inner: F32, templates: F32) -> tuple[F32, NDArray
         Correlation with each template under the weights.
     """
     patch, scores = np.empty(inner.shape, np.float32), np.empty(len(templates))
-    kernels.patch(gray, *at, inner, templates, patch, scores)
+    kernels.patch(gray, at, inner, templates, patch, scores)
     return patch, scores
 
 
 def colours(picture: F32, at: Place, shape: tuple[int, int]) -> F32:
     """Samples (C, h, w) of a picture (H, W, C), 0–255."""
     samples = np.empty((picture.shape[2], *shape), np.float32)
-    kernels.sample(picture, *at, samples)
+    kernels.sample(picture, at, samples)
     return samples
 
 
@@ -78,7 +78,7 @@ def likelihood(picture: F32, at: Place, histograms: F32, shape: tuple[int, int])
         0–1.
     """
     found = np.empty(shape, np.float32)
-    kernels.likelihood(picture, *at, histograms, found)
+    kernels.likelihood(picture, at, histograms, found)
     return found
 
 
@@ -95,5 +95,5 @@ def learned_colours(picture: F32, at: Place, histograms: F32, inside: NDArray[np
         Share of this window.
     """
     learned = np.empty_like(histograms)
-    kernels.learn_colours(picture, *at, inside, rate, histograms, learned)
+    kernels.learn_colours(picture, at, inside, rate, histograms, learned)
     return learned

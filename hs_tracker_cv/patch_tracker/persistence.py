@@ -119,11 +119,13 @@ def _updated(
     right, down = coarse.offset(pose)
     rate, mean_rate, mask_rate = rates
     persistence, means = np.empty_like(state.persistence), np.empty_like(model.means)
-    kernels.update_persistence(
-        state.persistence, g.body, model.previous, model.means, g.weights, followed.planes, followed.flow, patch,
-        right / unit, down / unit, zoom * math.cos(turn), zoom * math.sin(turn), p.same, p.changed, rate, mean_rate,
-        mask_rate, tuning.MASK_FLOOR, persistence, means,
-    )  # fmt: skip
+    way = (right / unit, down / unit, zoom * math.cos(turn), zoom * math.sin(turn))
+    before = kernels.KnownBefore(state.persistence, g.body, model.previous, model.means, g.weights)
+    passage = kernels.Passage(followed.planes, followed.flow, patch, way)
+    how = kernels.PersistenceRates(
+        same=p.same, changed=p.changed, rate=rate, mean_rate=mean_rate, mask_rate=mask_rate, floor=tuning.MASK_FLOOR
+    )
+    kernels.update_persistence(before, passage, how, persistence, means)
     return persistence, means
 
 

@@ -188,9 +188,8 @@ def _followed(
 ) -> Followed:
     """What is fitted to the flow key → current; the colours of what was found there are a further weight."""
     planes, ratio = np.empty((3, *prior.shape), np.float32), g.fine_step / g.coarse_step
-    *motion, apart = kernels.fit_motion(
-        key, current, flow, prior, likelihood, ratio, g.outside, p.rotation, separation, planes
-    )
+    priors = kernels.FitPriors(prior, g.outside, likelihood, ratio)
+    *motion, apart = kernels.fit_motion(key, current, flow, priors, p.rotation, separation, planes)
     return Followed(flow, planes, (motion[0], motion[1], motion[2], motion[3]), apart)
 
 

@@ -11,6 +11,9 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Taps = tuple[float, float, float]
 """Weights of a symmetric blur: of the centre, the neighbours and the next ones; (1, 0, 0) is none."""
+Place = tuple[float, float, float, float, float]
+"""Where a window is sampled: (x, y, step_x, step_y, angle), its centre in pixel-index coordinates, the distances of
+samples (px), its turn in radians from x towards y."""
 
 def level() -> str:
     """Name of the instruction set that kernels use: "v2", "v3" or "v4" (of x86-64), or "plain"."""
@@ -139,11 +142,7 @@ def store_flow(flow: Planes, out: Float32) -> None:
 
 def describe(
     picture: Float32,
-    x: float,
-    y: float,
-    step_x: float,
-    step_y: float,
-    angle: float,
+    at: Place,
     fade: Float32,
     names: Float32 | None,
     features: Float32,
@@ -155,12 +154,7 @@ def describe(
     ----------
     picture : ndarray, shape (H, W, 1 or 3), float32
         0–255, BGR. Beyond it its border is repeated.
-    x, y : float
-        The window's centre in pixel-index coordinates.
-    step_x, step_y : float
-        Distance of samples, px.
-    angle : float
-        Turn of the window, radians from x towards y.
+    at : tuple of float
     fade : ndarray, shape (40, 40), float32
     names : ndarray, shape (32 ** channels, 9), float32, or None
         What the colours are called.
@@ -170,22 +164,25 @@ def describe(
         Written: mean gray of each cell.
     """
 
-def shade(picture: Float32, x: float, y: float, step_x: float, step_y: float, angle: float, grays: Float32) -> None:
+def shade(picture: Float32, at: Place, grays: Float32) -> None:
     """Write the mean gray of each cell only, as :func:`describe` does."""
 
 def transform(features: Float32, spectrum: Float32) -> None:
     """Write the spectrum (40, 21, 2, C) of each channel (40, 40, C): the parts of its ``rfft2``, real ones first."""
 
+class FilterLearning:
+    """How a filter is learned, see finder.cpp.
+
+    Raises
+    ------
+    ValueError
+        Unless memory >= 0, coupling > 0, growth >= 1 and rounds >= 1.
+    """
+
+    def __init__(self, *, memory: float, coupling: float, growth: float, rounds: int) -> None: ...
+
 def adapt(
-    spectrum: Float32,
-    target: Float32,
-    penalty: Float32,
-    old: Float32 | None,
-    memory: float,
-    coupling: float,
-    growth: float,
-    rounds: int,
-    learned: Float32,
+    spectrum: Float32, target: Float32, penalty: Float32, old: Float32 | None, how: FilterLearning, learned: Float32
 ) -> None:
     """Write the filter after one more window; see finder.cpp.
 
@@ -197,8 +194,7 @@ def adapt(
     penalty : ndarray, shape (40, 40), float32
     old : ndarray like `spectrum`, or None
         The filter before; None for the first window.
-    memory, coupling, growth : float
-    rounds : int
+    how : FilterLearning
     learned : ndarray like `spectrum`
     """
 
@@ -206,11 +202,7 @@ def respond(
     learned: Float32,
     witness: Float32,
     spectrum: Float32,
-    weight: float,
-    right: float,
-    down: float,
-    across: float,
-    along: float,
+    fade: tuple[float, float, float, float, float],
     response: Float32,
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Write the response of a filter, no displacement at [20, 20], and find its peak between the samples.
@@ -218,8 +210,8 @@ def respond(
     Parameters
     ----------
     learned, witness, spectrum : ndarray, shape (40, 21, 2, C), float32
-    weight, right, down, across, along : float
-        Of the penalty on distance.
+    fade : tuple of float
+        The penalty on distance: (weight, right, down, across, along).
     response : ndarray, shape (40, 40), float32
 
     Returns
@@ -229,28 +221,21 @@ def respond(
         is more than 4 cells away; the witness's response at the peak.
     """
 
-def sample(
-    picture: Float32, x: float, y: float, step_x: float, step_y: float, angle: float, samples: Float32
-) -> None:
+def sample(picture: Float32, at: Place, samples: Float32) -> None:
     """Write samples of a picture: each is the mean of up to 4 × 4 bilinear reads spread over a step.
 
     Parameters
     ----------
     picture : ndarray, shape (H, W, 1 or 3), float32
         0–255, BGR, at least 2 × 2 pixels. Beyond it its border is repeated.
-    x, y, step_x, step_y, angle : float
-        As of :func:`describe`.
+    at : tuple of float
     samples : ndarray, shape (channels, h, w), float32
         Written.
     """
 
 def patch(
     gray: Float32,
-    x: float,
-    y: float,
-    step_x: float,
-    step_y: float,
-    angle: float,
+    at: Place,
     weights: Float32,
     templates: Float32,
     patch: Float32,
@@ -262,8 +247,7 @@ def patch(
     ----------
     gray : ndarray, shape (H, W), float32
         0–255, at least 2 × 2 pixels.
-    x, y, step_x, step_y, angle : float
-        As of :func:`describe`.
+    at : tuple of float
     weights : ndarray, shape (h, w), float32
         Of sum 1.
     templates : ndarray, shape (n, h, w), float32
@@ -276,11 +260,7 @@ def patch(
 
 def likelihood(
     picture: Float32,
-    x: float,
-    y: float,
-    step_x: float,
-    step_y: float,
-    angle: float,
+    at: Place,
     histograms: Float32,
     likelihood: Float32,
 ) -> None:
@@ -288,7 +268,7 @@ def likelihood(
 
     Parameters
     ----------
-    picture, x, y, step_x, step_y, angle
+    picture, at
         As of :func:`sample`.
     histograms : ndarray, shape (2, 64 or, of three channels, 16 ** 3), float32
         Shares of the bins inside and outside.
@@ -298,11 +278,7 @@ def likelihood(
 
 def learn_colours(
     picture: Float32,
-    x: float,
-    y: float,
-    step_x: float,
-    step_y: float,
-    angle: float,
+    at: Place,
     inside: NDArray[np.uint8],
     rate: float,
     old: Float32,
@@ -312,7 +288,7 @@ def learn_colours(
 
     Parameters
     ----------
-    picture, x, y, step_x, step_y, angle
+    picture, at
         As of :func:`sample`.
     inside : ndarray, shape (h, w), uint8
         0 outside.
@@ -322,14 +298,26 @@ def learn_colours(
         As of :func:`likelihood`.
     """
 
+class FitPriors:
+    """What is known before the object's motion is fitted to the flow.
+
+    Parameters
+    ----------
+    prior, outside : ndarray, shape (H, W), float32
+        Prior weights of the object and of its surroundings, not negative; at least 2 × 2.
+    likelihood : ndarray, shape (h, w), float32, or None
+        Of the object's colours, as a further prior weight, on a lattice of the same centre; at least 2 × 2.
+    ratio : float
+        Samples of that lattice per sample of the patch.
+    """
+
+    def __init__(self, prior: Float32, outside: Float32, likelihood: Float32 | None, ratio: float) -> None: ...
+
 def fit_motion(
     first: Float32,
     second: Float32,
     flow: Float32,
-    prior: Float32,
-    likelihood: Float32 | None,
-    ratio: float,
-    outside: Float32,
+    priors: FitPriors,
     rotation: bool,
     separation: float,
     planes: Float32,
@@ -341,15 +329,10 @@ def fit_motion(
     Parameters
     ----------
     first, second : ndarray, shape (H, W), float32
-        Normalised patches, at least 2 × 2.
+        Normalised patches.
     flow : ndarray, shape (H, W, 2), float32
         From the first to the second, samples.
-    prior, outside : ndarray, shape (H, W), float32
-        Prior weights of the object and of its surroundings, not negative.
-    likelihood : ndarray, shape (h, w), float32, or None
-        Of the object's colours, as a further prior weight, on a lattice of the same centre; at least 2 × 2.
-    ratio : float
-        Samples of that lattice per sample of the patch.
+    priors : FitPriors
     rotation : bool
         Or it is left at 0.
     separation : float
@@ -366,29 +349,8 @@ def fit_motion(
         Object and surroundings were told apart.
     """
 
-def update_persistence(
-    persistence: Float32,
-    body: Float32,
-    previous: Float32,
-    means: Float32,
-    weights: Float32,
-    planes: Float32,
-    flow: Float32,
-    patch: Float32,
-    right: float,
-    down: float,
-    cosine: float,
-    sine: float,
-    same: float,
-    changed: float,
-    rate: float,
-    mean_rate: float,
-    mask_rate: float,
-    floor: float,
-    out: Float32,
-    learned: Float32,
-) -> None:
-    """Move what is kept with the flow, drop what changed or moves with the surroundings; learn the patch.
+class KnownBefore:
+    """What is known of the frame before.
 
     Parameters
     ----------
@@ -401,14 +363,37 @@ def update_persistence(
         the fit of the flow, which follows from the last two.
     weights : ndarray, shape (h, w), float32
         Prior weights by place.
+    """
+
+    def __init__(
+        self, persistence: Float32, body: Float32, previous: Float32, means: Float32, weights: Float32
+    ) -> None: ...
+
+class Passage:
+    """What the flow says.
+
+    Parameters
+    ----------
     planes : ndarray, shape (3, h, w), float32
         From :func:`fit_motion`.
     flow : ndarray, shape (h, w, 2), float32
         Into the patch from which the result's place is measured, samples.
     patch : ndarray, shape (h, w), float32
         Where the result is wanted.
-    right, down, cosine, sine : float
-        The result's centre, from that patch's centre in samples of `persistence`, and its turn and zoom.
+    way : tuple of float
+        (right, down, cosine, sine): the result's centre, from that patch's centre in samples of `persistence`, and
+        its turn and zoom.
+    """
+
+    def __init__(
+        self, planes: Float32, flow: Float32, patch: Float32, way: tuple[float, float, float, float]
+    ) -> None: ...
+
+class PersistenceRates:
+    """How persistence goes on.
+
+    Parameters
+    ----------
     same, changed : float
         Difference of gray levels up to which a pixel is the same, and from which it is another; the second is larger.
     rate : float
@@ -417,6 +402,22 @@ def update_persistence(
         Share of this frame in patch and deviation, and in "moves with the object".
     floor : float
         Weight of a pixel that never moved with the object.
+    """
+
+    def __init__(
+        self, *, same: float, changed: float, rate: float, mean_rate: float, mask_rate: float, floor: float
+    ) -> None: ...
+
+def update_persistence(
+    before: KnownBefore, passage: Passage, how: PersistenceRates, out: Float32, learned: Float32
+) -> None:
+    """Move what is kept with the flow, drop what changed or moves with the surroundings; learn the patch.
+
+    Parameters
+    ----------
+    before : KnownBefore
+    passage : Passage
+    how : PersistenceRates
     out : ndarray, shape (h / 2, w / 2), float32
         Written: what is kept.
     learned : ndarray, shape (4, h, w), float32

@@ -6,8 +6,10 @@
 #include "peak.hpp"
 #include "picture_views.hpp"
 
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
 
+#include <array>
 #include <memory>
 #include <optional>
 #include <string>
@@ -35,14 +37,14 @@ const Circle &whole_circle() {
     return whole;
 }
 
-void describe(nb::handle picture, double x, double y, double step_x, double step_y, double angle, nb::handle fade,
-              nb::handle names, nb::handle features, nb::handle grays) {
+void describe(nb::handle picture, const PlaceNumbers &at, nb::handle fade, nb::handle names, nb::handle features,
+              nb::handle grays) {
     const Array<const float, 3> pixels(picture, "picture");
     const Array<const float, 2> weights(fade, "fade");
     const Array<float, 3> out(features, "features");
     const Array<float, 2> means(grays, "grays");
     const Picture view = as_picture(pixels, 1);
-    const Place place = as_place(x, y, step_x, step_y, angle);
+    const Place place = as_place(at);
     weights.expect({CELLS, CELLS});
     std::optional<Array<const float, 2>> called;
     if (!names.is_none()) {
@@ -58,11 +60,11 @@ void describe(nb::handle picture, double x, double y, double step_x, double step
                     means.data());
 }
 
-void shade(nb::handle picture, double x, double y, double step_x, double step_y, double angle, nb::handle grays) {
+void shade(nb::handle picture, const PlaceNumbers &at, nb::handle grays) {
     const Array<const float, 3> pixels(picture, "picture");
     const Array<float, 2> out(grays, "grays");
     const Picture view = as_picture(pixels, 1);
-    const Place place = as_place(x, y, step_x, step_y, angle);
+    const Place place = as_place(at);
     out.expect({CELLS, CELLS});
     nb::gil_scoped_release release;
     const auto space = room(level().finder.describe_room(view, place));
@@ -80,8 +82,14 @@ void transform(nb::handle features, nb::handle spectrum) {
     level().finder.transform(in.data(), channels, whole_circle(), space.get(), out.data());
 }
 
-void adapt(nb::handle spectrum, nb::handle target, nb::handle penalty, nb::handle old, float memory, float coupling,
-           float growth, int rounds, nb::handle learned) {
+Learning learning(float memory, float coupling, float growth, int rounds) {
+    if (!(memory >= 0.0f && coupling > 0.0f && growth >= 1.0f && rounds >= 1))
+        throw nb::value_error("expected memory >= 0, coupling > 0, growth >= 1 and rounds >= 1");
+    return {memory, coupling, growth, rounds};
+}
+
+void adapt(nb::handle spectrum, nb::handle target, nb::handle penalty, nb::handle old, const Learning &how,
+           nb::handle learned) {
     const Array<const float, 4> in(spectrum, "spectrum");
     const Array<const float, 2> wanted(target, "target"), weights(penalty, "penalty");
     const Array<float, 4> out(learned, "learned");
@@ -95,17 +103,16 @@ void adapt(nb::handle spectrum, nb::handle target, nb::handle penalty, nb::handl
         before.emplace(old, "old");
         before->expect({CELLS, HALF, 2, channels});
     }
-    if (!(memory >= 0.0f && coupling > 0.0f && growth >= 1.0f && rounds >= 1))
-        throw nb::value_error("expected memory >= 0, coupling > 0, growth >= 1 and rounds >= 1");
     nb::gil_scoped_release release;
     const auto space = room(adapt_room(channels));
-    level().finder.adapt(in.data(), wanted.data(), weights.data(), before ? before->data() : nullptr, channels,
-                         {memory, coupling, growth, rounds}, whole_circle(), space.get(), out.data());
+    level().finder.adapt(in.data(), wanted.data(), weights.data(), before ? before->data() : nullptr, channels, how,
+                         whole_circle(), space.get(), out.data());
 }
 
 std::tuple<double, double, double, double, double, double, double, double>
-respond(nb::handle learned, nb::handle witness, nb::handle spectrum, double weight, double right, double down,
-        double across, double along, nb::handle response) {
+respond(nb::handle learned, nb::handle witness, nb::handle spectrum, const std::array<double, 5> &fade,
+        nb::handle response) {
+    const auto [weight, right, down, across, along] = fade;
     const Array<const float, 4> first(learned, "learned"), second(witness, "witness"), in(spectrum, "spectrum");
     const Array<float, 2> out(response, "response");
     in.expect({CELLS, HALF, 2, -1});
@@ -128,14 +135,21 @@ respond(nb::handle learned, nb::handle witness, nb::handle spectrum, double weig
 } // namespace
 
 void bind_finder(nb::module_ &module) {
-    module.def("describe", &describe, "picture"_a.none(), "x"_a, "y"_a, "step_x"_a, "step_y"_a, "angle"_a,
-               "fade"_a.none(), "names"_a.none(), "features"_a.none(), "grays"_a.none());
-    module.def("shade", &shade, "picture"_a.none(), "x"_a, "y"_a, "step_x"_a, "step_y"_a, "angle"_a, "grays"_a.none());
+    nb::class_<Learning>(module, "FilterLearning")
+        .def(
+            "__init__",
+            [](Learning *self, float memory, float coupling, float growth, int rounds) {
+                new (self) Learning(learning(memory, coupling, growth, rounds));
+            },
+            nb::kw_only(), "memory"_a, "coupling"_a, "growth"_a, "rounds"_a);
+    module.def("describe", &describe, "picture"_a.none(), "at"_a, "fade"_a.none(), "names"_a.none(),
+               "features"_a.none(), "grays"_a.none());
+    module.def("shade", &shade, "picture"_a.none(), "at"_a, "grays"_a.none());
     module.def("transform", &transform, "features"_a.none(), "spectrum"_a.none());
-    module.def("adapt", &adapt, "spectrum"_a.none(), "target"_a.none(), "penalty"_a.none(), "old"_a.none(), "memory"_a,
-               "coupling"_a, "growth"_a, "rounds"_a, "learned"_a.none());
-    module.def("respond", &respond, "learned"_a.none(), "witness"_a.none(), "spectrum"_a.none(), "weight"_a, "right"_a,
-               "down"_a, "across"_a, "along"_a, "response"_a.none());
+    module.def("adapt", &adapt, "spectrum"_a.none(), "target"_a.none(), "penalty"_a.none(), "old"_a.none(), "how"_a,
+               "learned"_a.none());
+    module.def("respond", &respond, "learned"_a.none(), "witness"_a.none(), "spectrum"_a.none(), "fade"_a,
+               "response"_a.none());
 }
 
 } // namespace hs

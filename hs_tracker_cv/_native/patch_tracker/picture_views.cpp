@@ -17,7 +17,8 @@ Picture as_picture(const Array<const float, 3> &pixels, Py_ssize_t fewest) {
     return picture;
 }
 
-Place as_place(double x, double y, double step_x, double step_y, double angle) {
+Place as_place(const PlaceNumbers &at) {
+    const auto [x, y, step_x, step_y, angle] = at;
     if (!(step_x > 0.0 && step_x < 1e4 && step_y > 0.0 && step_y < 1e4 && std::fabs(x) < 1e9 && std::fabs(y) < 1e9 &&
           std::isfinite(angle)))
         throw nb::value_error(("expected a finite place with steps between 0 and 1e4, got x " + std::to_string(x) +
