@@ -73,7 +73,9 @@ class Job:
 
     def key(self, version: str) -> str:
         """Hash of all that the trajectory depends on; `version` is what ``code_version(tracker)`` gives."""
-        led = () if self.protocol.key == ONE_PASS.key else (self.protocol.key,)
+        # By what it was judged decides where a tracker is started again.
+        judged = ("by region",) if self.sequence.by_region else ()
+        led = () if self.protocol.key == ONE_PASS.key else (self.protocol.key, *judged)
         what = (self.sequence.name, self.sequence.digest, str(self.start), str(self.repeat))
         parts = (_PROTOCOL, version, *what, *led)
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
@@ -370,7 +372,7 @@ class _Walk:
         masks = self._ask({"do": "mask"}).arrays if content.get("masked") is True else ()
         answer = _checked(content, masks, frame.shape[:2])
         self._answers.take(index, **answer)
-        return Step(answer["ok"], answer["box"], seconds)
+        return Step(answer["ok"], answer["box"], seconds, answer["region"])
 
     def hold(self, index: int) -> None:
         last, before = self._answers.trajectory, index - 1

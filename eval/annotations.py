@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .regions import Mask, mask_of_runs, read_region, region_box
+from .regions import Mask, mask_of_polygons, mask_of_runs, read_region, region_box
 from .truthfiles import SequenceError, read_number, read_text
 
 __all__ = ["CocoVideo", "Track", "Tracks", "read_coco", "read_csv", "read_mot"]
@@ -117,7 +117,7 @@ def read_coco(path: Path) -> list[CocoVideo]:
     COCO's has images with `video_id` and `frame_id`, annotations with `track_id` or `instance_id`. Without videos all
     images are one, in the order of their ids; without tracks there is one object. Of our own exports the boxes of
     hidden frames come back too. YouTube-VIS has no images: its videos list `file_names`, and an annotation is an
-    object with lists of `bboxes` and `segmentations`, null where it is not seen. Masks are read where they are runs.
+    object with lists of `bboxes` and `segmentations`, null where it is not seen. Masks are runs or polygons.
     """
     try:
         data = json.loads(read_text(path))
@@ -149,13 +149,11 @@ def _vis_video(video: Mapping[str, Any], notes: Iterable[Mapping[str, Any]], whe
     for note in notes:
         if note["video_id"] != video["id"]:
             continue
-        masks = [_mask_text(mask) for mask in note.get("segmentations") or [None] * len(files)]
+        place = f"{where}: annotation {note['id']}"
+        masks = [_mask_text(mask, place) for mask in note.get("segmentations") or [None] * len(files)]
         boxes = note.get("bboxes") or [[*region_box(read_region(text))] if text else None for text in masks]
         if not len(boxes) == len(masks) == len(files):
-            raise SequenceError(
-                f"{where}: annotation {note['id']}: expected {len(files)} boxes and masks, got {len(boxes)} and "
-                f"{len(masks)}"
-            )
+            raise SequenceError(f"{place}: expected {len(files)} boxes and masks, got {len(boxes)} and {len(masks)}")
         rows: Rows = {}
         for frame, box in enumerate(boxes):
             if box is not None:
@@ -166,15 +164,24 @@ def _vis_video(video: Mapping[str, Any], notes: Iterable[Mapping[str, Any]], whe
     return CocoVideo(str(video.get("name", folder or video["id"])), files, tracks)
 
 
-def _mask_text(segmentation: Any) -> str:
-    """Text of a mask that COCO's file holds as runs, column by column; empty for polygons and for none."""
-    if not isinstance(segmentation, dict):
+def _mask_text(segmentation: Any, where: str) -> str:
+    """Text of a mask that COCO's file holds as polygons, or as runs column by column; empty for none."""
+    if not segmentation:
         return ""
+    try:
+        return (
+            _mask_of_columns(segmentation) if isinstance(segmentation, dict) else mask_of_polygons(segmentation)
+        ).text
+    except (ValueError, TypeError) as error:
+        raise SequenceError(f"{where}: {error}") from error
+
+
+def _mask_of_columns(segmentation: Mapping[str, Any]) -> Mask:
     height, width = segmentation["size"]
     counts = segmentation["counts"]
     # What runs down the columns is a mask lying on its side.
     lying = mask_of_runs(0, 0, height, width, _unpacked(counts) if isinstance(counts, str) else counts)
-    return Mask(0, 0, lying.pixels.T).text
+    return Mask(0, 0, lying.pixels.T)
 
 
 def _unpacked(text: str) -> list[int]:
@@ -202,11 +209,12 @@ def _coco_video(
         for note in notes.get(image["id"], ()):
             identity = str(note.get("track_id", note.get("instance_id", 0)))
             rows = found.setdefault(identity, {})
-            mask = _mask_text(note.get("segmentation"))
+            here = f"{where}: annotation {note.get('id')}"
+            mask = _mask_text(note.get("segmentation"), here)
             if mask:
                 masks.setdefault(identity, {})[index] = mask
             x, y, w, h = (float(value) for value in note["bbox"])
-            place = _place(rows, index, len(order), f"{where}: annotation {note.get('id')}")
+            place = _place(rows, index, len(order), here)
             rows[place] = ((x, y, w, h), float(note.get("visibility", 1.0)))
         if "hidden_bbox" in image:
             x, y, w, h = (float(value) for value in image["hidden_bbox"])

@@ -112,11 +112,16 @@ def _sequence(
     presence = np.asarray(np.isfinite(boxes).all(axis=1), dtype=np.float64)
     # What is not known stays unknown; elsewhere there is no object where there is no box.
     visibility = presence if shown is None else np.where(np.isnan(shown[:count]), np.nan, presence * shown[:count])
-    regions = regions if any(regions) else read_masks(folder / "masks.txt", count)
+    # In our exports what can be seen is known better than by what the layout has room for.
+    shown_masks = read_masks(folder / "masks.txt", count)
+    by_region = any(regions) and not shown_masks
+    regions = shown_masks or (regions if any(regions) else ())
     digest = _hash(source.paths, regions, boxes, visibility)
     scene = read_scene(folder) or scene
     attributes = read_attributes(folder)
-    return Sequence(name, source, boxes, visibility, attributes, size, digest, scene=scene, regions=regions)
+    return Sequence(
+        name, source, boxes, visibility, attributes, size, digest, scene=scene, regions=regions, by_region=by_region
+    )
 
 
 def _hash(paths: Iterable[str], texts: Iterable[str], *arrays: NDArray[np.float64]) -> str:

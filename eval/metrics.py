@@ -33,7 +33,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .regions import Mask, box_polygon, read_region, region_iou
+from .regions import Mask, answered_region, read_region, region_iou
 
 __all__ = [
     "COUNTS",
@@ -141,6 +141,12 @@ class FrameScores:
     otb_iou: FloatArray
     otb_distance: FloatArray
     got10k_iou: FloatArray
+
+    @property
+    def finest_iou(self) -> FloatArray:
+        """IoU with the true mask or rotated box where there is one, else with the true box; NaN where not visible."""
+        finer = np.where(np.isfinite(self.mask_iou), self.mask_iou, self.rotated_iou)
+        return np.where(np.isfinite(finer), finer, self.iou)
 
 
 def _validated(boxes: FloatArray, name: str) -> FloatArray:
@@ -275,8 +281,7 @@ def _region_ious(
         found = masks if isinstance(truth, Mask) else rotated
         found[t] = 0.0
         if answered[t]:
-            own = regions[t] if regions else ""
-            found[t] = region_iou(truth, read_region(own) if own else box_polygon(boxes[t]), size)
+            found[t] = region_iou(truth, answered_region(regions[t] if regions else "", boxes[t]), size)
     return masks, rotated
 
 

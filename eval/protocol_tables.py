@@ -44,6 +44,11 @@ class _Led:
     first: int
     scores: FrameScores
 
+    @property
+    def overlap(self) -> FloatArray:
+        """What VOT's figures are made of: IoU with the true regions where these are the truth, else with boxes."""
+        return self.scores.finest_iou if self.sequence.by_region else self.scores.iou
+
 
 def protocol_tables(runs: Iterable[Run], sequences: Iterable[Sequence]) -> dict[str, pd.DataFrame]:
     """Make a table of numbers for each protocol that there are runs of.
@@ -199,7 +204,7 @@ def _spans(led: _Led) -> list[tuple[int, int, bool]]:
 
 def _accuracy(led: _Led) -> float:
     """Mean IoU without failures and the frames after a start; 0 where failures left none of them, as VOT has it."""
-    iou = np.concatenate([[np.nan], led.scores.iou])
+    iou = np.concatenate([[np.nan], led.overlap])
     counted = np.concatenate([[math.nan], *(iou[start + BURN_IN : end] for start, end, _ in _spans(led))])
     counted = counted[np.isfinite(counted)]
     if counted.size:
@@ -209,7 +214,7 @@ def _accuracy(led: _Led) -> float:
 
 def _fragments(led: _Led) -> list[tuple[FloatArray, bool]]:
     """IoU of the scored frames after each start, and whether they reach the end of the sequence."""
-    iou = np.concatenate([[np.nan], led.scores.iou])
+    iou = np.concatenate([[np.nan], led.overlap])
     parts = [(iou[start + 1 : end], whole) for start, end, whole in _spans(led)]
     return [(part[np.isfinite(part)], whole) for part, whole in parts]
 
@@ -304,7 +309,7 @@ def _confident(led: _Led) -> _Answered:
     score = led.run.trajectory.score[led.first + 1 :]
     score = np.where(scores.ok, np.where(np.isfinite(score), score, 1.0), np.nan)
     counted = scores.visible | scores.invisible
-    return np.nan_to_num(scores.iou)[counted], score[counted], scores.visible[counted]
+    return np.nan_to_num(led.overlap)[counted], score[counted], scores.visible[counted]
 
 
 def _thresholds(parts: list[_Answered]) -> FloatArray:

@@ -8,7 +8,8 @@ tracker starts, which frames it is given and what stands for those that it is no
   (moved by a tenth of the size in eight directions; 0.8, 0.9, 1.1 and 1.2 times the size), and up to twenty frames at
   even distances with at least twenty frames to go.
 * *restarts*: as VOT's supervised experiment. An answer that does not touch the object is a failure; five frames later
-  a new tracker starts from the truth, as soon as at least half of the object can be seen.
+  a new tracker starts from the truth, as soon as at least half of the object can be seen. What the object is, a mask
+  or a rotated box says where the truth is one (``Sequence.by_region``).
 * *realtime*: frames come 20 times a second, or as often as ``realtime:FPS`` says, and do not wait, as in VOT. While a
   tracker is busy, frames pass by and its last answer stands; being late is forgiven three times, since what is new
   has to be loaded. Its speed is the processor time of its process as the kernel counts it.
@@ -28,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .metrics import MIN_VISIBILITY, iou_per_frame
+from .regions import answered_region, read_region, region_iou
 from .sequences import Sequence
 from .track import whole_box
 from .trackers import look_up
@@ -72,11 +74,14 @@ class Step:
         x, y, w, h, px.
     seconds : float
         What it took.
+    region : str, optional
+        Mask or rotated box that was answered, see :mod:`eval.regions`.
     """
 
     ok: bool
     box: list[float]
     seconds: float
+    region: str = ""
 
 
 class Walk(Interface):
@@ -243,8 +248,14 @@ def _restarts(walk: Walk, sequence: Sequence, begin: tuple[int, Box]) -> None:
 
 
 def _missed(sequence: Sequence, index: int, answer: Step) -> bool:
+    """Whether an answer has no pixel of the object: of its region where that is the truth, else of its box."""
+    if not (answer.ok and np.isfinite(answer.box).all()):
+        return True
+    truth = sequence.regions[index] if sequence.by_region else ""
+    if truth:
+        return region_iou(read_region(truth), answered_region(answer.region, answer.box), sequence.size) == 0
     overlap = iou_per_frame(sequence.boxes[[index]], np.array([answer.box]), sequence.size)[0]
-    return not (answer.ok and overlap > 0)
+    return bool(overlap == 0)
 
 
 # --- real time -----------------------------------------------------------------------------------------------------

@@ -13,13 +13,18 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from skimage import draw
 
 __all__ = [
-    "Mask", "box_polygon", "mask_of_runs", "outlines", "polygon_text", "read_region", "region_box", "region_iou",
+    "Mask", "answered_region", "box_polygon", "mask_of_polygons", "mask_of_runs", "outlines", "polygon_text",
+    "read_region", "region_box", "region_iou",
 ]  # fmt: skip
 
 Polygon = NDArray[np.float64]
 """Corners (N, 2) of a convex polygon, px."""
+
+_FARTHEST = 20_000.0  # px: what lies farther off than any frame reaches is a slip, and no mask to be painted
+_HAIR = 1e-6, 1.618e-6  # px: a middle on an edge that two polygons share is in one of them only
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +82,31 @@ def mask_of_runs(x: int, y: int, width: int, height: int, runs: Iterable[int]) -
     return Mask(x, y, pixels.reshape(height, width))
 
 
+def mask_of_polygons(polygons: Iterable[Iterable[float]]) -> Mask:
+    """Pixels whose middle is inside any of several polygons, each x, y of its corners.
+
+    COCO's own library rounds corners to fifths of a pixel first: where the middle of a pixel is nearer than that to
+    an outline, it may say otherwise.
+
+    Raises
+    ------
+    ValueError
+        If they are no polygons.
+    """
+    corners = [np.array(list(polygon), dtype=np.float64) for polygon in polygons]
+    for flat in corners:
+        if flat.size < 6 or flat.size % 2 or not (np.abs(flat) < _FARTHEST).all():
+            raise ValueError(f"expected x, y of three corners or more, got {flat.tolist()}")
+    points = [flat.reshape(-1, 2) for flat in corners] or [np.zeros((1, 2))]
+    x, y = np.floor(np.min([one.min(axis=0) for one in points], axis=0)).astype(int).tolist()
+    right, bottom = np.ceil(np.max([one.max(axis=0) for one in points], axis=0)).astype(int).tolist()
+    pixels = np.zeros((bottom - y, right - x), dtype=bool)
+    for one in points:
+        columns, rows = (one - [x, y] - 0.5 + _HAIR).T
+        pixels[draw.polygon(rows, columns, pixels.shape)] = True  # type: ignore[no-untyped-call]
+    return Mask(x, y, pixels)
+
+
 def polygon_text(corners: Iterable[float]) -> str:
     """Text of corners x, y, x, y …; every number comes back to the last bit."""
     return ",".join(repr(float(value)) for value in corners)
@@ -115,6 +145,11 @@ def box_polygon(box: Iterable[float]) -> Polygon:
     """Corners of a box x, y, w, h."""
     x, y, w, h = box
     return np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]], dtype=np.float64)
+
+
+def answered_region(text: str, box: Iterable[float]) -> Region:
+    """Region of an answer: the mask or rotated box that `text` holds, or where it is empty the box."""
+    return read_region(text) if text else box_polygon(box)
 
 
 def region_iou(truth: Region, answer: Region, size: tuple[int, int]) -> float:

@@ -449,7 +449,7 @@ def _sequence_to_json(sequence: Sequence) -> dict[str, Any]:
         "digest": sequence.digest,
         "parameters": dict(sequence.parameters),
         "scene": sequence.scene,
-        **({"regions": list(sequence.regions)} if sequence.regions else {}),
+        **({"regions": list(sequence.regions), "by_region": sequence.by_region} if sequence.regions else {}),
     }
 
 
@@ -465,4 +465,5 @@ def _sequence_from_json(data: dict[str, Any]) -> Sequence:
         parameters=dict(data.get("parameters", {})),
         scene=data.get("scene", ""),
         regions=_regions_of(data, len(data["boxes"])),
+        by_region=bool(data.get("by_region", False)),
     )

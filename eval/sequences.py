@@ -49,6 +49,10 @@ class Sequence:
     regions : tuple of str
         Of each frame the mask or rotated box, as :mod:`eval.regions` writes them, empty where there is only a box;
         no entries where no frame has one.
+    by_region : bool
+        Whether the regions are what is to be found, with boxes that are only drawn round them, as in VOT and COCO:
+        then protocols that are VOT's judge them. The laboratory's boxes are of the whole object, its masks of what
+        can be seen of it: there the boxes are judged.
     """
 
     name: str
@@ -61,6 +65,7 @@ class Sequence:
     parameters: Mapping[str, str | float] = field(default_factory=dict)
     scene: str = ""
     regions: tuple[str, ...] = ()
+    by_region: bool = False
 
     @property
     def theme(self) -> str:

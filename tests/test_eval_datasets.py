@@ -338,7 +338,7 @@ def test_one_truth_through_every_export_and_reader(layout: str, rendered: list[R
         assert_array_equal(found.boxes, drawn.boxes)
         assert_array_equal(found.visibility, drawn.visibility)
         assert found.attributes == drawn.attributes
-        assert found.regions == from_spec(drawn.spec).regions
+        assert (found.regions, found.by_region) == (from_spec(drawn.spec).regions, False)
         frames = (
             [cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR) for frame in drawn.frames]
             if (kind == "video" and drawn.frames.ndim == 3)
@@ -416,7 +416,7 @@ def test_masks_of_vot_have_their_bounding_box(tmp_path: Path) -> None:
     path.write_text("m10,20,4,3,5,2\nm0,0,2,2,4\n10,20,4,3\n")
     (found,) = load_dataset(f"vot:{tmp_path}")
     assert_allclose(found.boxes, [[11, 21, 2, 1], [np.nan] * 4, [10, 20, 4, 3]])
-    assert found.regions == ("m11,21,2,1,0,2", "", "")
+    assert (found.regions, found.by_region) == (("m11,21,2,1,0,2", "", ""), True)
     assert found.cut(2).regions == found.regions[:2]
     path.write_text("m10,20,4,3,5,1,1,1\nm0,0,2,2,4\n10,20,4,3\n")
     assert load_dataset(f"vot:{tmp_path}")[0].digest != found.digest
@@ -510,17 +510,26 @@ def test_coco_of_several_videos_and_tracks(tmp_path: Path) -> None:
 
 
 def test_masks_of_coco(tmp_path: Path) -> None:
-    """Runs go down the columns, as numbers or in five bits a sign; `=3421` is pycocotools' text of this mask."""
-    write_images(tmp_path / "img", 3)
+    """Polygons, or runs down the columns, as numbers or in five bits a sign (`=3421`, of pycocotools)."""
+    write_images(tmp_path / "img", 5)
     pixels = np.zeros((6, 5), dtype=bool)
     pixels[1:4, 2], pixels[2:6, 3], pixels[0, 4] = True, True, True
     counts: list[object] = ["=3421", [13, 3, 4, 5, 5], [30]]
-    images = [{"id": t, "file_name": f"img/{t + 1:04d}.png"} for t in range(3)]
-    masks = [{"size": [6, 5], "counts": runs} for runs in counts]
-    notes = [{"image_id": t, "bbox": [2, 0, 3, 6], "segmentation": masks[t]} for t in range(3)]
-    (tmp_path / "annotations.json").write_text(json.dumps({"images": images, "annotations": notes}))
+    images = [{"id": t, "file_name": f"img/{t + 1:04d}.png"} for t in range(5)]
+    masks: list[object] = [{"size": [6, 5], "counts": runs} for runs in counts]
+    masks += [[[2, 1, 3, 1, 3, 4, 2, 4], [3, 2, 4, 2, 4, 6, 3, 6], [4, 0, 5, 0, 5, 1, 4, 1]], []]
+    notes = [{"id": 7, "image_id": t, "bbox": [2, 0, 3, 6], "segmentation": masks[t]} for t in range(5)]
+    path = tmp_path / "annotations.json"
+    path.write_text(json.dumps({"images": images, "annotations": notes}))
     (found,) = load_dataset(f"coco:{tmp_path}")
-    assert found.regions == (Mask(0, 0, pixels).text, Mask(0, 0, pixels).text, "")
+    text = Mask(0, 0, pixels).text
+    assert (found.regions, found.by_region) == ((text, text, "", text, ""), True)
+    notes[3]["segmentation"] = [[2, 1, 3, 1]]
+    path.write_text(json.dumps({"images": images, "annotations": notes}))
+    with pytest.raises(
+        SequenceError, match=r"annotation 7: expected x, y of three corners or more, got \[2\.0, 1\.0"
+    ):
+        load_dataset(f"coco:{tmp_path}")
 
 
 def test_youtube_vis_lists_boxes_by_object(tmp_path: Path) -> None:
@@ -530,7 +539,7 @@ def test_youtube_vis_lists_boxes_by_object(tmp_path: Path) -> None:
     files = [f"0043f083b5/{t + 1:04d}.png" for t in range(3)]
     notes = [
         {"id": 1, "video_id": 7, "bboxes": [[1, 2, 3, 4], None, [2, 2, 3, 4]], "segmentations": [mask, None, None]},
-        {"id": 2, "video_id": 7, "segmentations": [mask, mask, None]},
+        {"id": 2, "video_id": 7, "segmentations": [mask, [[2, 0, 5, 0, 5, 6, 2, 6]], None]},
     ]
     path = tmp_path / "instances.json"
     path.write_text(json.dumps({"videos": [{"id": 7, "file_names": files}], "annotations": notes}))
@@ -540,6 +549,7 @@ def test_youtube_vis_lists_boxes_by_object(tmp_path: Path) -> None:
     assert first.visibility.tolist() == [1, 0, 1]
     assert [bool(text) for text in first.regions] == [True, False, False]
     assert_allclose(second.boxes, [[2, 0, 3, 6]] * 2)
+    assert second.regions == (first.regions[0], "m2,0,3,6,0,18")
     notes[0]["bboxes"] = [[1, 2, 3, 4]]
     path.write_text(json.dumps({"videos": [{"id": 7, "file_names": files}], "annotations": notes}))
     with pytest.raises(SequenceError, match="annotation 1: expected 3 boxes and masks, got 1 and 3"):

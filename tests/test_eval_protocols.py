@@ -19,6 +19,7 @@ from eval.framesource import FrameSource
 from eval.process import Answer, ChildError
 from eval.protocol_tables import expected_overlap, precision_recall, protocol_tables
 from eval.protocols import PROTOCOLS, Box, Step, find_protocol
+from eval.regions import Mask, box_polygon, polygon_text
 from eval.report import write_report
 from eval.results import COMPLETED, Folder, Run
 from eval.sequences import Sequence
@@ -230,6 +231,46 @@ def test_a_restart_waits_until_the_object_is_seen(
     assert blind.marks == {"started": [0]}
 
 
+def without_its_tail(sequence: Sequence, kind: str) -> Sequence:
+    """The truth is a region, each box but for the four columns on its left; IoU with a still box by closed form."""
+    texts = []
+    for x, y, w, h in sequence.boxes.astype(int).tolist():
+        mask = Mask(x + 4, y, np.ones((h, w - 4), dtype=bool)).text
+        texts.append(mask if kind == "mask" else polygon_text(box_polygon((x + 4, y, w - 4, h)).ravel()))
+    return replace(sequence, regions=tuple(texts), by_region=True)
+
+
+TAILLESS = np.array([max(16 - t, 0) / (20 + t) for t in range(COUNT)])
+"""IoU of such a region with the box of the whole object that has stood still for so many frames."""
+
+
+@pytest.mark.parametrize("kind", ["mask", "polygon"])
+def test_restarts_judge_regions_where_these_are_the_truth(kind: str, sequence: Sequence, tmp_path: Path) -> None:
+    """A box that never moves loses the region four frames earlier than the box, which alone counts elsewhere."""
+    folder = Folder(tmp_path / "results")
+    ((run, _),) = run_all([TRACKERS["Static"]], without_its_tail(sequence, kind), folder, "restarts")
+    assert run.marks == {"started": [0, 21], "failed": [16, 37]}
+    (row,) = protocol_tables([run], folder.read_sequences())["restarts"].to_dict("records")
+    assert row["accuracy"] == pytest.approx(TAILLESS[10:16].mean())
+    assert row["eao"] == pytest.approx(TAILLESS[1:16].sum() / 39)
+    boxes = replace(without_its_tail(sequence, kind), by_region=False)
+    ((again, reused),) = run_all([TRACKERS["Static"]], boxes, folder, "restarts")
+    assert not reused
+    assert again.marks == {"started": [0, 25], "failed": [20]}
+
+
+def test_a_region_that_is_answered_is_judged(sequence: Sequence, tmp_path: Path) -> None:
+    """The oracle answers with the true masks: its box alone would have IoU 0.8 with them."""
+    folder, truth = Folder(tmp_path / "results"), without_its_tail(sequence, "mask")
+    for protocol, ones in (("restarts", ("accuracy", "eao")), ("long-term", ("f", "precision", "recall"))):
+        ((run, _),) = run_all([TRACKERS["Oracle"]], truth, folder, protocol)
+        (row,) = protocol_tables([run], [truth])[protocol].to_dict("records")
+        assert [row[name] for name in ones] == [1.0] * len(ones)
+        plain = replace(run, trajectory=replace(run.trajectory, regions=()))
+        (row,) = protocol_tables([plain], [truth])[protocol].to_dict("records")
+        assert [row[name] for name in ones] == pytest.approx([0.8] * len(ones))
+
+
 def test_a_tracker_that_breaks_has_failed(
     truthful: Callable[..., TrackerSpec], sequence: Sequence, tmp_path: Path
 ) -> None:
@@ -347,6 +388,17 @@ def test_ok_and_score_decide_about_the_long_term(sequence: Sequence, tmp_path: P
     (row,) = protocol_tables([run], truth)["long-term"].to_dict("records")
     assert [row[name] for name in ("precision", "recall", "threshold")] == pytest.approx([recall, recall, 0.8])
     assert row["f_ok"] == pytest.approx(score)
+
+
+@pytest.mark.parametrize("kind", ["mask", "polygon"])
+def test_the_long_term_judges_regions_where_these_are_the_truth(
+    kind: str, sequence: Sequence, tmp_path: Path
+) -> None:
+    """As the restarts do."""
+    truth = without_its_tail(sequence, kind)
+    ((run, _),) = run_all([TRACKERS["Static"]], truth, Folder(tmp_path / "results"), "long-term")
+    (row,) = protocol_tables([run], [truth])["long-term"].to_dict("records")
+    assert [row["precision"], row["recall"]] == pytest.approx([TAILLESS[1:].mean()] * 2)
 
 
 # --- results, report, command line ---------------------------------------------------------------------------------

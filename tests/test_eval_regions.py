@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from datasets_synthetic import SUITES, render
 from eval.metrics import frame_scores, summarise
-from eval.regions import Mask, box_polygon, mask_of_runs, outlines, polygon_text, read_region, region_box, region_iou
+from eval.regions import (
+    Mask,
+    box_polygon,
+    mask_of_polygons,
+    mask_of_runs,
+    outlines,
+    polygon_text,
+    read_region,
+    region_box,
+    region_iou,
+)  # fmt: skip
 from eval.sequences import from_spec
 
 SIZE = (64, 48)
@@ -115,6 +125,43 @@ def test_texts_on_paper() -> None:
     for text in ("1,2,3,4", "m1,2,3,4,13", "m1,2", "1,2,3,4,5,6,7,nan", "m1,2,3,4,x"):
         with pytest.raises(ValueError, match=r"expected|invalid|unpack"):
             read_region(text)
+
+
+def test_a_polygon_has_the_pixels_whose_middle_is_inside() -> None:
+    """Several are one mask; a box of whole pixels is itself, and what is thinner than a pixel may be nothing."""
+    corners = [2.6, 1.0, 6.0, 1.0, 6.0, 3.4, 2.6, 3.4]
+    np.testing.assert_array_equal(
+        np.argwhere(painted(mask_of_polygons([corners]))), [(1, 3), (1, 4), (1, 5), (2, 3), (2, 4), (2, 5)]
+    )
+    for box in ((10, 20, 5, 4), (-3, -2, 9, 6)):
+        assert (
+            mask_of_polygons([box_polygon(box).ravel()]).text
+            == Mask(box[0], box[1], np.ones((box[3], box[2]), dtype=bool)).text
+        )
+    both = mask_of_polygons([box_polygon((1, 1, 2, 2)).ravel(), box_polygon((2, 2, 4, 1)).ravel()])
+    assert (both.pixels.sum(), region_box(both)) == (7, (1.0, 1.0, 5.0, 2.0))
+    assert mask_of_polygons([[1.1, 1, 1.3, 1, 1.3, 9]]).text == mask_of_polygons([]).text == ""
+    for wrong in (
+        [[1.0, 2, 3, 4]],
+        [[1.0, 2, 3, 4, 5, 6, 7]],
+        [[1.0, 2, 3, 4, 5, np.nan]],
+        [[0.0, 0, 1e9, 0, 0, 1e9]],
+    ):
+        with pytest.raises(ValueError, match="expected x, y of three corners or more, got"):
+            mask_of_polygons(wrong)
+
+
+@given(st.tuples(st.integers(0, 8), st.integers(0, 8)))
+def test_polygons_that_share_an_edge_share_no_pixel(middle: tuple[int, int]) -> None:
+    """A square cut into four triangles about a point is the square, also where the edges run through middles."""
+    square = [(0.5, 0.5), (8.5, 0.5), (8.5, 8.5), (0.5, 8.5)]
+    centre = (middle[0] + 0.5, middle[1] + 0.5)
+    parts = [
+        painted(mask_of_polygons([np.ravel([first, second, centre])]))
+        for first, second in zip(square, [*square[1:], square[0]], strict=True)
+    ]
+    np.testing.assert_array_equal(np.sum(parts, axis=0), painted(mask_of_polygons([np.ravel(square)])))
+    assert painted(mask_of_polygons([np.ravel(square)])).sum() == 64
 
 
 def test_lines_round_a_region_enclose_it() -> None:

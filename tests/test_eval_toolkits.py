@@ -5,10 +5,12 @@ Needs the dependency group ``toolkits``; skipped without it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -19,9 +21,10 @@ from eval.framesource import FrameSource
 from eval.metrics import frame_scores, summarise
 from eval.protocol_tables import expected_overlap, precision_recall, protocol_tables
 from eval.protocols import PROTOCOLS, Box, Step
-from eval.regions import Mask, box_polygon, region_iou
+from eval.regions import Mask, box_polygon, mask_of_polygons, read_region, region_iou
 from eval.results import COMPLETED, Run, Trajectory
 from eval.sequences import Sequence as EvalSequence
+from eval.statistics import score_answers
 
 pytestmark = pytest.mark.once
 
@@ -164,14 +167,39 @@ def test_vot_agrees_on_masks_and_rotated_boxes() -> None:
         assert region_iou(first, second, size) == pytest.approx(expected, abs=0.05)
 
 
-def walk(folder: Path, seed: int, count: int) -> EvalSequence:
-    """Whole boxes that wander; of the frames nobody sees more than their number."""
+@pytest.mark.filterwarnings("ignore")
+def test_coco_agrees_on_masks_of_polygons() -> None:
+    """But for pixels whose middle is within a fifth of one of the outline, as often inside as outside."""
+    library = pytest.importorskip("pycocotools.mask")
+    rng, excess, outline = np.random.default_rng(6), 0.0, 0.0
+    for _ in range(60):
+        count = int(rng.integers(3, 30))
+        angles, radii = np.sort(rng.uniform(0.0, 2 * np.pi, count)), rng.uniform(20.0, 45.0, count)
+        corners = np.stack([80 + radii * np.cos(angles), 60 + radii * np.sin(angles)], axis=1)
+        expected = library.decode(library.merge(library.frPyObjects([corners.ravel().tolist()], 120, 160))) > 0
+        found, inside = mask_of_polygons([corners.ravel()]), np.zeros((120, 160), dtype=bool)
+        rows, columns = found.pixels.shape
+        inside[found.y : found.y + rows, found.x : found.x + columns] = found.pixels
+        closed = corners.astype(np.float32)[:, np.newaxis]
+        for y, x in np.argwhere(inside != expected).tolist():
+            assert abs(cv2.pointPolygonTest(closed, (x + 0.5, y + 0.5), True)) < 0.2
+        excess += float(inside.sum()) - float(expected.sum())
+        outline += cv2.arcLength(closed, True)
+    assert abs(excess) / outline < 0.01
+
+
+def walk(folder: Path, seed: int, count: int, kind: str) -> EvalSequence:
+    """Whole boxes that wander, or discs in them; of the frames nobody sees more than their number."""
     rng = np.random.default_rng(seed)
     places = np.clip(60 + np.cumsum(rng.integers(-7, 8, (count, 2)), axis=0), 0, 100)
     boxes = np.concatenate([places, np.full((count, 2), 20)], axis=1).astype(float)
     np.save(folder / f"{seed}.npy", np.zeros((count, 1, 1), dtype=np.uint8))
     source = FrameSource((str(folder / f"{seed}.npy"),), "array", count)
-    return EvalSequence(f"walk{seed}", source, boxes, np.ones(count), (), (128, 128), "d")
+    found = EvalSequence(f"walk{seed}", source, boxes, np.ones(count), (), (128, 128), "d")
+    if kind == "boxes":
+        return found
+    disc = np.hypot(*np.mgrid[-9.5:10, -9.5:10]) < 10
+    return replace(found, regions=tuple(Mask(x, y, disc).text for x, y in places.tolist()), by_region=True)
 
 
 def stays_behind(truth: EvalSequence) -> Run:
@@ -205,13 +233,21 @@ def stays_behind(truth: EvalSequence) -> Run:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_vot_agrees_on_restarts_and_the_long_term(tmp_path: Path) -> None:
-    """Accuracy, robustness, expected average overlap, precision and recall by its own functions on the same boxes."""
+@pytest.mark.parametrize("kind", ["boxes", "masks"])
+def test_vot_agrees_on_restarts_and_the_long_term(kind: str, tmp_path: Path) -> None:
+    """Accuracy, robustness, expected average overlap, precision and recall by its own functions on the same truth."""
     supervised, region = pytest.importorskip("vot.analysis.supervised"), pytest.importorskip("vot.region")
     from vot.analysis.longterm import compute_tpr_curves
+    from vot.region.shapes import Mask as TheirMask
     from vot.tracker import Trajectory as Codes
 
-    truths = [walk(tmp_path, 1, 120), walk(tmp_path, 2, 90), walk(tmp_path, 3, 160)]
+    def theirs_of(truth: EvalSequence) -> list[Any]:
+        if not truth.regions:
+            return [region.Rectangle(*box) for box in truth.boxes]
+        masks = [read_region(text) for text in truth.regions]
+        return [TheirMask(mask.pixels.astype(np.uint8), (mask.x, mask.y)) for mask in masks if isinstance(mask, Mask)]
+
+    truths = [walk(tmp_path, seed, count, kind) for seed, count in ((1, 120), (2, 90), (3, 160))]
     runs = [stays_behind(truth) for truth in truths]
     accuracies, failures, overlaps, ends = [], [], [], []
     for truth, run in zip(truths, runs, strict=True):
@@ -221,8 +257,7 @@ def test_vot_agrees_on_restarts_and_the_long_term(tmp_path: Path) -> None:
         for name, code in (("started", Codes.INITIALIZATION), ("failed", Codes.FAILURE)):
             for index in run.marks[name]:
                 regions[index] = region.Special(code)
-        theirs = SimpleNamespace(groundtruth=lambda truth=truth: [region.Rectangle(*box) for box in truth.boxes])
-        theirs.size = truth.size
+        theirs = SimpleNamespace(groundtruth=lambda truth=truth: theirs_of(truth), size=truth.size)
         accuracies.append(supervised.compute_accuracy(regions, theirs)[0])
         failures.append(supervised.count_failures(regions)[0])
         values = region.calculate_overlaps(regions, theirs.groundtruth(), truth.size)
@@ -237,7 +272,8 @@ def test_vot_agrees_on_restarts_and_the_long_term(tmp_path: Path) -> None:
             SimpleNamespace(groundtruth=lambda theirs=theirs: theirs.groundtruth()[1:], size=truth.size),
             [0.5, 0.2],
         )
-        iou = np.nan_to_num(values[1:]), score[1:], np.ones(len(truth) - 1, dtype=bool)
+        scores = score_answers(truth, run.trajectory)
+        iou = (scores.finest_iou if kind == "masks" else scores.iou), score[1:], np.ones(len(truth) - 1, dtype=bool)
         ours = [precision_recall([iou], threshold) for threshold in (0.5, 0.2)]
         np.testing.assert_allclose(ours, np.transpose([precision, recall]), atol=1e-12)
     (row,) = protocol_tables(runs, truths)["restarts"].to_dict("records")
