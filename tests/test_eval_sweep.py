@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 
 from datasets_synthetic import SWEEPS, SequenceSpec, parameters, suite
 from eval import rendered
 from eval.__main__ import main
 from eval.framesource import FrameSource
-from eval.protocols import misplaced
-from eval.results import COMPLETED, Run, Trajectory
+from eval.metrics import MIN_VISIBILITY, iou_per_frame
+from eval.protocols import misplaced, start_box
+from eval.regions import Mask, read_region
+from eval.results import COMPLETED, Folder, Run, Trajectory
 from eval.sequences import Sequence, SequenceError
 from eval.sweep import Grid, sweep_sequences, sweep_table, sweep_text
 
@@ -196,3 +200,108 @@ def test_a_sweep_from_the_command_line(
     boxes = pd.read_csv(tmp_path / "sweep-box-drawn-small-5" / "tables" / "sweep.csv")
     assert boxes["value"].tolist() == [0.0, 0.2]
     assert boxes["mean_iou"][0] == table["mean_iou"][0] != boxes["mean_iou"][1]
+
+
+# --- every parameter, from the command line to the table -------------------------------------------------------
+
+
+def gray(sequence: Sequence) -> NDArray[np.float64]:
+    """Frames as a tracker gets them, in gray."""
+    return np.stack([frame.mean(axis=2) for frame in sequence.frames])
+
+
+def of_noise(quiet: Sequence, noisy: Sequence) -> None:
+    """What is added spreads by twenty levels, where it is not cut off."""
+    before, after = (next(iter(one.frames)).astype(float) for one in (quiet, noisy))
+    middle = (before > 80) & (before < 175)
+    assert (after - before)[middle].std() == pytest.approx(20.0, rel=0.05)
+
+
+def of_rotation(still: Sequence, turning: Sequence) -> None:
+    """Longest axes of the true masks turn by ten degrees a frame."""
+
+    def turns(sequence: Sequence) -> NDArray[np.float64]:
+        masks = [read_region(text) for text in sequence.regions]
+        spreads = [np.cov(np.argwhere(mask.pixels).T) for mask in masks if isinstance(mask, Mask)]
+        axes = np.array([np.degrees(np.arctan2(2 * one[0, 1], one[1, 1] - one[0, 0])) / 2 for one in spreads])
+        return np.asarray((np.diff(axes) + 90) % 180 - 90)
+
+    assert np.median(turns(still)) == pytest.approx(0.0, abs=0.5)
+    assert np.median(turns(turning)) == pytest.approx(10.0, abs=0.5)
+
+
+def of_speed(slow: Sequence, fast: Sequence) -> None:
+    """Middles of the true boxes step by one and three pixels."""
+    for sequence, step in ((slow, 1.0), (fast, 3.0)):
+        middles = sequence.boxes[:, :2] + sequence.boxes[:, 2:] / 2
+        assert np.median(np.hypot(*np.diff(middles, axis=0).T)) == pytest.approx(step, abs=0.02)
+
+
+def of_size(small: Sequence, large: Sequence) -> None:
+    """The longer side of the true box."""
+    for sequence, side in ((small, 20.0), (large, 40.0)):
+        assert sequence.boxes[0, 2:].max() == pytest.approx(side, abs=0.5)
+
+
+def of_contrast(pale: Sequence, full: Sequence) -> None:
+    """A quarter of the spread, but for noise."""
+    assert gray(pale)[0].std() / gray(full)[0].std() == pytest.approx(0.25, abs=0.05)
+
+
+def of_blur(sharp: Sequence, blurred: Sequence) -> None:
+    """An object that goes ten pixels a frame loses its edges, and stays where it was."""
+    x, y, w, h = sharp.boxes[10].astype(int)
+    slopes = [np.abs(np.diff(gray(one)[10, y : y + h, x : x + w], axis=1)).mean() for one in (sharp, blurred)]
+    assert slopes[1] < 0.7 * slopes[0]
+    np.testing.assert_array_equal(sharp.boxes, blurred.boxes)
+
+
+def of_compression(poor: Sequence, good: Sequence) -> None:
+    """Blocks of eight have borders that are steeper than what is in them."""
+    for sequence, least, most in ((poor, 3.0, np.inf), (good, 0.0, 1.3)):
+        steps = np.abs(np.diff(gray(sequence)[0], axis=1))
+        assert least < steps[:, 7::8].mean() / steps[:, 3::8].mean() < most
+
+
+def of_occlusion(seen: Sequence, hidden: Sequence) -> None:
+    """From frame 20 on nothing is to be seen for fifteen frames."""
+    assert np.flatnonzero(seen.visibility == 0).size == 0
+    assert np.flatnonzero(hidden.visibility == 0).tolist() == list(range(20, 35))
+
+
+EFFECTS: dict[str, tuple[tuple[float, float], str, Callable[[Sequence, Sequence], None]]] = {
+    "noise": ((0, 20), "straight:1:2", of_noise),
+    "rotation": ((0, 10), "straight:1:2", of_rotation),
+    "speed": ((1, 3), "straight:1:2", of_speed),
+    "size": ((20, 40), "straight:1:2", of_size),
+    "contrast": ((0.25, 1), "straight:1:2", of_contrast),
+    "blur": ((0, 1), "fast:1:2", of_blur),
+    "compression": ((5, 95), "straight:1:2", of_compression),
+    "occlusion": ((0, 15), "straight:1:2", of_occlusion),
+}
+"""Of each parameter two values, a draw to see them on, and what has to be seen."""
+
+
+@pytest.mark.parametrize("parameter", list(SWEEPS))
+def test_every_parameter_reaches_frames_and_table(
+    parameter: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The frames that trackers were given show the value, and the figures are those of a box that never moves."""
+    values, draw, shows = EFFECTS[parameter]
+    (tmp_path / "kept").mkdir()
+    monkeypatch.setattr(rendered, "kept_frames", lambda: tmp_path / "kept")
+    words = ["sweep", f"{parameter}={values[0]},{values[1]}", "--suite", f"drawn/{draw}", "--trackers", "Static"]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    (place,) = tmp_path.glob(f"sweep-{parameter}-*")
+    sequences = Folder(place).read_sequences()
+    assert [sequence.parameters["swept"] for sequence in sequences] == [float(value) for value in values]
+    shows(*sequences)
+    table = pd.read_csv(place / "tables" / "sweep.csv")
+    assert table["value"].tolist() == [float(value) for value in values]
+    for sequence, (_, row) in zip(sequences, table.iterrows(), strict=True):
+        still = np.tile(np.array(start_box(sequence, 0), dtype=float), (len(sequence), 1))
+        iou, seen = iou_per_frame(sequence.boxes, still, sequence.size)[1:], sequence.visibility[1:] >= MIN_VISIBILITY
+        gone = sequence.visibility[1:] == 0
+        assert row["mean_iou"] == pytest.approx(iou[seen].mean())
+        # True in every frame: wrong where the object is gone, or elsewhere.
+        assert row["false"] == pytest.approx((gone | (seen & (iou < 0.1))).sum() / (gone | seen).sum())
