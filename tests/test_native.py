@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -173,6 +175,16 @@ def test_kernels_let_go_of_the_lock(rng):
     finally:
         sys.setswitchinterval(interval)
     assert calls < 3000
+
+
+@pytest.mark.parametrize("stub", ["__init__.pyi", "segmentation.pyi"])
+def test_no_kernel_takes_more_than_eight_arguments(stub: str) -> None:
+    """What belongs together is a struct. Numbers that are given by name are told apart by it."""
+    tree = ast.parse((Path(kernels.__file__).parent / "kernels" / stub).read_text(encoding="utf-8"))
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    assert functions
+    taken = [(node.name, [one.arg for one in node.args.args if one.arg != "self"]) for node in functions]
+    assert not [function for function in taken if len(function[1]) > 8]
 
 
 @pytest.mark.usefixtures("level")

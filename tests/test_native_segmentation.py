@@ -42,13 +42,22 @@ def histograms() -> np.ndarray:
 def points() -> np.ndarray:
     """Points of registration in the window."""
     listed = np.zeros((segmentation.POINT_ROWS, 300), np.float32)
-    segmentation.collect(noise(H, W, 3), noise(H, W, high=1.0), GRID, 3, listed)
+    segmentation.collect(noise(H, W, 3), noise(H, W, high=1.0), GRID, 3, segmentation.Points(listed))
     return listed
 
 
 INVERSE = np.array((1.02, 0.01, -0.3, -0.02, 0.98, 0.6))
 THETA = np.array((0.3, 0.1, -0.1, -0.4, 0.05, 0.1, 1.0, 2.0))
-LIKELIHOOD = np.array((0.02, 0.12, 1.8, 0.9, 0.0, 2.5, 0.35, 2.5, 0.6, 1.7), np.float32)
+LIKELIHOOD = segmentation.Likelihood(
+    ground_slope=0.02,
+    object_slope=0.12,
+    channel_weight=1.8,
+    contrast=0.9,
+    occluded=False,
+    noise=2.5,
+    ground_gains=(0.35, 2.5),
+    object_gains=(0.6, 1.7),
+)
 
 
 def image() -> np.ndarray:
@@ -95,9 +104,15 @@ def scene() -> Arguments:
         "part": rectangle(),
         "inside": rectangle(),
         "likelihood": LIKELIHOOD,
-        "out": noise(4, H, W),
-        "fresh": mask(),
+        "planes_out": noise(4, H, W),
+        "fresh_out": mask(),
     }
+
+
+def layer_as_expected() -> Arguments:
+    """What belongs to the object where it is expected."""
+    names = ("previous", "obj", "odds", "shape", "part")
+    return {**{name: layer()[name] for name in names}, "own": mask(density=0.3)}
 
 
 def valid() -> dict[Callable[..., Any], Arguments]:
@@ -105,7 +120,7 @@ def valid() -> dict[Callable[..., Any], Arguments]:
     flow, theta = noise(H, W, 2, low=-1.0, high=1.0), np.zeros(8)
     listed = points()
     bins = np.random.default_rng(4).integers(0, segmentation.BINS, (H, W)).astype(np.int16)
-    registered = {"points": listed, "count": 200, "inside": rectangle(), "image": image()}
+    registered = {"rows": listed, "count": 200, "inside": rectangle(), "image": image()}
     return {
         segmentation.without: {"mask": mask(), "other": mask(density=0.7), "out": mask()},
         segmentation.invert: {"mask": mask(), "out": mask()},
@@ -136,29 +151,36 @@ def valid() -> dict[Callable[..., Any], Arguments]:
         segmentation.move_object: {
             "dx": 3,
             "dy": -2,
-            **{name: layer()[name] for name in ("odds", "shape", "obj", "odds_out", "shape_out", "obj_out")},
+            **{name: layer()[name] for name in ("obj", "odds", "shape", "obj_out", "odds_out", "shape_out")},
         },
         segmentation.move_ground: {
             "dx": 3,
             "dy": -2,
             "gain": 1.1,
-            "picture": image(),
+            "background": image(),
             "counts": counts(),
             "image": image(),
             "odds": plane(),
-            "picture_out": image(),
+            "background_out": image(),
             "counts_out": counts(),
         },
         segmentation.resample: {"image": image(), "inverse": INVERSE, "repeat": False, "fill": 1.0, "out": image()},
         segmentation.carry: layer(),
-        segmentation.evidence: {**scene(), "carried": image() + 3, "obj": image() - 1, "odds": plane()},
+        segmentation.evidence: {
+            **scene(),
+            "previous": image() + 3,
+            "obj": image() - 1,
+            "odds": plane(),
+            "shape": plane(),
+            "own": mask(),
+        },
         segmentation.warp_and_score: {**layer(), **scene()},
         segmentation.collect: {
             "reference": image(),
             "weight": noise(H, W, high=1.0),
             "grid": GRID,
             "stride": 3,
-            "points": np.zeros_like(listed),
+            "rows_out": np.zeros_like(listed),
         },
         segmentation.residual: {**registered, "theta": THETA, "ceiling": 40.0},
         segmentation.gauss_newton: {
@@ -167,9 +189,9 @@ def valid() -> dict[Callable[..., Any], Arguments]:
             "prior": np.full(8, 0.1),
             "scale": 9.0,
             "ceiling": 40.0,
-            "costs": np.zeros(2),
-            "steps": 3,
             "stiffness": 1.0,
+            "steps": 3,
+            "costs": np.zeros(2),
         },
         segmentation.start_flow: {"near": mask(), "grid": GRID, "theta": THETA, "camera": (0.1, 0.2), "out": flow},
         segmentation.predict_motion: {
@@ -183,11 +205,11 @@ def valid() -> dict[Callable[..., Any], Arguments]:
             "motion": (0.3, 0.1, 0.01, 0.0, 0.0, 0.02),
             "camera": (1.1, 0.2),
             "known": False,
-            "near": mask(),
-            "weight": plane(),
-            "points": np.zeros_like(listed),
-            "theta": theta.copy(),
-            "flow": flow.copy(),
+            "near_out": mask(),
+            "weight_out": plane(),
+            "rows_out": np.zeros_like(listed),
+            "theta_out": theta.copy(),
+            "flow_out": flow.copy(),
         },
         segmentation.measure_motion: {
             "flow": noise(H, W, 2, low=-1.0, high=1.0),
@@ -204,14 +226,13 @@ def valid() -> dict[Callable[..., Any], Arguments]:
             "odds": plane(),
             "weight": noise(H, W, high=1.0),
             "grid": GRID,
-            "points": listed,
+            "rows": listed,
             "count": 200,
-            "predicted": THETA,
+            "theta": THETA,
+            "start": noise(H, W, 2),
             "hidden": False,
             "young": False,
             "steps": 3,
-            "ground": np.zeros(8),
-            "theta": theta.copy(),
         },
         segmentation.search_shift: {
             "image": image(),
@@ -225,13 +246,13 @@ def valid() -> dict[Callable[..., Any], Arguments]:
             "noise": 2.5,
         },
         segmentation.label: {
+            **layer_as_expected(),
             "image": image(),
             "background": image() + 1,
+            "moved": image() + 2,
             "counts": counts(),
-            "odds": plane(),
-            "own": mask(),
-            "shape": noise(H, W, high=1.0),
-            "evidence": noise(4, H, W, low=-2.0, high=2.0),
+            "inside": rectangle(),
+            "planes_out": noise(4, H, W, low=-2.0, high=2.0),
             "fresh": mask(density=0.8),
             "before": mask(),
             "hiding": mask(density=0.05),
@@ -242,29 +263,24 @@ def valid() -> dict[Callable[..., Any], Arguments]:
             "growth": 4,
             "young": False,
             "least": 0.6,
-            "inside": rectangle(),
-            "bins": bins.copy(),
-            "raw": plane(),
+            "bins_out": bins.copy(),
+            "raw_out": plane(),
             "odds_out": plane(),
-            "mask": mask(),
-            "foreign": mask(),
+            "mask_out": mask(),
+            "foreign_out": mask(),
         },
         segmentation.learn: {
+            **layer_as_expected(),
             "image": image(),
             "aligned": image() + 1,
             "mask": mask(),
-            "own": mask(density=0.3),
             "foreign": mask(density=0.1),
-            "odds": plane(),
+            "labelled": plane(),
             "raw": plane(),
-            "warped": plane(),
-            "obj": image() + 2,
-            "shape": noise(H, W, high=1.0),
-            "evidence": noise(4, H, W, low=-2.0, high=9.0),
+            "errors": noise(4, H, W, low=-2.0, high=9.0),
             "bins": bins,
             "background": image() + 3,
             "counts": counts(),
-            "part": rectangle(),
             "inside": rectangle(),
             "shape_rate": 0.1,
             "freeze": False,
@@ -281,8 +297,109 @@ def valid() -> dict[Callable[..., Any], Arguments]:
     }
 
 
+# For each kernel its structs, and for each of their fields the array of `valid` that it gets.
+Fields = dict[str, str]
+Struct = tuple[type, Fields]
+
+
+def struct(kind: type, *same: str, **other: str) -> Struct:
+    """Fields that get the arrays of the same names, and those that get others."""
+    return kind, {**{field: field for field in same}, **other}
+
+
+WINDOW = struct(segmentation.Window, "image", "inside")
+SCENE = struct(segmentation.Scene, "image", "inside", "moved", "background", "counts")
+LAYER = struct(segmentation.Layer, "obj", "odds", "shape")
+GROUND = struct(segmentation.Ground, "background", "counts")
+POINTS = struct(segmentation.Points, "rows", "count")
+EXPECTED = struct(segmentation.Expected, "previous", "obj", "odds", "shape", "own", "part")
+MOVED = struct(
+    segmentation.Expected,
+    "part",
+    previous="previous_out",
+    obj="obj_out",
+    odds="odds_out",
+    shape="shape_out",
+    own="own_out",
+)
+SEEN = struct(segmentation.Evidence, planes="planes_out", fresh="fresh_out")
+STRUCTS: dict[str, dict[str, Struct]] = {
+    "move_object": {
+        "layer": LAYER,
+        "out": struct(segmentation.Layer, obj="obj_out", odds="odds_out", shape="shape_out"),
+    },
+    "move_ground": {
+        "ground": GROUND,
+        "out": struct(segmentation.Ground, background="background_out", counts="counts_out"),
+    },
+    "carry": {"layer": LAYER, "expected": MOVED},
+    "evidence": {"scene": SCENE, "expected": EXPECTED, "out": SEEN},
+    "warp_and_score": {"scene": SCENE, "layer": LAYER, "expected": MOVED, "out": SEEN},
+    "collect": {"points": struct(segmentation.Points, rows="rows_out")},
+    "residual": {"window": WINDOW, "points": POINTS},
+    "gauss_newton": {
+        "window": WINDOW,
+        "points": POINTS,
+        "how": struct(segmentation.Registration, "prior", "scale", "ceiling", "stiffness", "steps"),
+    },
+    "predict_motion": {
+        "window": WINDOW,
+        "outline": struct(segmentation.Outline, "odds", "shown", "weighing", "box"),
+        "last": struct(segmentation.LastMotion, "motion", "camera", "known"),
+        "points": struct(segmentation.Points, rows="rows_out"),
+        "out": struct(
+            segmentation.Prediction, near="near_out", weight="weight_out", theta="theta_out", flow="flow_out"
+        ),
+    },
+    "measure_motion": {
+        "window": WINDOW,
+        "ground": GROUND,
+        "predicted": struct(segmentation.Prediction, "near", "weight", "theta", flow="start"),
+        "points": POINTS,
+        "how": struct(
+            segmentation.Measuring,
+            "grid", "camera", "offset", "noise", "hidden", "young", "ground_steps", "steps",
+        ),
+    },
+    "search_shift": {"window": WINDOW},
+    "label": {
+        "scene": SCENE,
+        "expected": EXPECTED,
+        "seen": struct(segmentation.Evidence, "fresh", planes="planes_out"),
+        "how": struct(
+            segmentation.Labelling,
+            "colours", "colour_weight", "noise", "least", "growth", "emerging", "young",
+        ),
+        "labels": struct(
+            segmentation.Labels,
+            bins="bins_out",
+            raw="raw_out",
+            odds="odds_out",
+            mask="mask_out",
+            foreign="foreign_out",
+        ),
+    },
+    "learn": {
+        "window": WINDOW,
+        "expected": EXPECTED,
+        "labels": struct(segmentation.Labels, "bins", "raw", "mask", "foreign", odds="labelled"),
+        "ground": GROUND,
+        "how": struct(segmentation.Learning, "colours", "shape_rate", "colour_rate", "freeze", "hidden"),
+        "memory": struct(
+            segmentation.Memory,
+            odds="odds_out",
+            obj="obj_out",
+            shape="shape_out",
+            background="background_out",
+            counts="counts_out",
+            colours="colours_out",
+        ),
+    },
+}  # fmt: skip
+
+
 NAMES = [function.__name__ for function in valid()]
-OPTIONAL = {"before", "hiding", "foreign", "shown"}
+OPTIONAL = {"before", "hiding", "foreign", "foreign_out", "shown"}
 RESULTS = {
     "spread": {"out"},
     "components": {"runs"},
@@ -290,20 +407,34 @@ RESULTS = {
     "likelihood": {"ratio"},
     "blend": {"tally", "out"},
     "smooth": {"image", "gray"},
-    "collect": {"points"},
     "gauss_newton": {"theta", "costs"},
-    "predict_motion": {"near", "weight", "points", "theta", "flow"},
-    "measure_motion": {"ground", "theta"},
-    "label": {"evidence", "bins", "raw", "mask", "foreign"},
-    "evidence": {"out", "fresh"},
-    "warp_and_score": {"out", "fresh"},
 }
 """What is written, beside all that ends with "out"."""
 
 
+def run(name: str, given: Arguments) -> Any:
+    """Call a kernel."""
+    structs = {
+        key: kind(**{field: given[source] for field, source in fields.items()})
+        for key, (kind, fields) in STRUCTS.get(name, {}).items()
+    }
+    inner = {source for _, fields in STRUCTS.get(name, {}).values() for source in fields.values()}
+    outer = {key: value for key, value in given.items() if key not in inner}
+    return getattr(segmentation, name)(**outer, **structs)
+
+
 def call(name: str, **changes: Any) -> Any:
     """Call a kernel with valid arguments but for some."""
-    return getattr(segmentation, name)(**{**valid()[getattr(segmentation, name)], **changes})
+    return run(name, {**valid()[getattr(segmentation, name)], **changes})
+
+
+def called(name: str, key: str) -> str:
+    """What errors call an array."""
+    for _, fields in STRUCTS.get(name, {}).values():
+        for field, source in fields.items():
+            if source == key:
+                return field
+    return key
 
 
 def arrays(name: str) -> Iterator[tuple[str, np.ndarray, bool]]:
@@ -318,10 +449,12 @@ def test_other_elements_are_refused(name: str) -> None:
     """Arrays of another type, and what is no array, are a TypeError that names the argument."""
     call(name)
     for key, value, _ in arrays(name):
-        with pytest.raises(TypeError, match=f"expected {key} to be an array of {value.dtype}.* got complex|format"):
+        with pytest.raises(
+            TypeError, match=f"expected {called(name, key)} to be an array of {value.dtype}.* got complex|format"
+        ):
             call(name, **{key: value.astype(np.complex64)})
-        if key not in OPTIONAL or (name, key) == ("label", "foreign"):
-            with pytest.raises(TypeError, match=f"expected {key} to be an array.* got NoneType"):
+        if key not in OPTIONAL:
+            with pytest.raises(TypeError, match=f"expected {called(name, key)} to be an array.* got NoneType"):
                 call(name, **{key: None})
 
 
@@ -329,9 +462,9 @@ def test_other_elements_are_refused(name: str) -> None:
 def test_other_layouts_are_refused(name: str) -> None:
     """Another number of dimensions and what is not contiguous are a ValueError that names the argument."""
     for key, value, _ in arrays(name):
-        with pytest.raises(ValueError, match=f"expected {key} to be .* got shape"):
+        with pytest.raises(ValueError, match=f"expected {called(name, key)} to be .* got shape"):
             call(name, **{key: value[np.newaxis]})
-        with pytest.raises(ValueError, match=f"expected {key} to be .* not C-contiguous"):
+        with pytest.raises(ValueError, match=f"expected {called(name, key)} to be .* not C-contiguous"):
             call(name, **{key: np.repeat(value, 2, axis=-1)[..., ::2]})
 
 
@@ -342,7 +475,7 @@ def test_results_must_be_writable(name: str) -> None:
         given, before = value.copy(), value.copy()
         given.flags.writeable = False
         if written:
-            with pytest.raises(ValueError, match=f"expected {key} to be .* got a read-only one"):
+            with pytest.raises(ValueError, match=f"expected {called(name, key)} to be .* got a read-only one"):
                 call(name, **{key: given})
         else:
             call(name, **{key: given})
@@ -382,6 +515,7 @@ def test_sizes_must_agree(name: str) -> None:
         ("predict_motion", {"box": (1.0, 1.0, 1.0, np.nan)}, "area from 0 .*, got nan"),
         ("predict_motion", {"weighing": 3}, "weighing between 0 and 2, got 3"),
         ("predict_motion", {"shown": None}, "expected shown to be a mask, got None"),
+        ("label", {"foreign_out": None}, "expected foreign to be a mask, got None"),
         ("widen", {"reach": -1}, "reach between 0 and .*, got -1"),
         ("search_shift", {"step": 0}, "step between 1 and .*, got 0"),
         ("invert", {"mask": np.zeros((2, W), np.uint8)}, "mask to have at least 3 x 3 pixels, got 2 x 37"),
@@ -423,7 +557,7 @@ def test_all_levels_give_the_same_bits(name: str) -> None:
     for one in kernels.levels():
         kernels.use_level(one)
         arguments = valid()[getattr(segmentation, name)]
-        answer = getattr(segmentation, name)(**arguments)
+        answer = run(name, arguments)
         written = [arguments[key].tobytes() for key, _, out in arrays(name) if out]
         results.add((repr(answer), *written))
     assert len(results) == 1

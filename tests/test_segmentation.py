@@ -485,27 +485,33 @@ def test_registration_finds_a_motion_and_a_gain(motion: tuple[float, float], gai
     reference, image = wave(60, 70), gain * wave(60, 70, *motion)
     weight = np.zeros((60, 70), np.float32)
     weight[12:48, 14:56] = 1.0
-    grid, inside, points = (35.0, 30.0, 20.0, 1.0), np.array((0, 0, 70, 60)), np.empty((14, 2000), np.float32)
-    count = kernels.collect(reference, weight, grid, 3, points)
-    assert count == weight.sum() / 3
-    theta, costs, pixels = np.zeros(8), np.empty(2), np.asarray(image, np.float32)
-    kernels.gauss_newton(pixels, points, count, theta, np.full(8, 1e-6), 20.0, 40.0, inside, costs, 8, 0.0)
+    grid, points = (35.0, 30.0, 20.0, 1.0), kernels.Points(np.empty((14, 2000), np.float32))
+    kernels.collect(reference, weight, grid, 3, points)
+    assert points.count == weight.sum() / 3
+    window = kernels.Window(np.asarray(image, np.float32), np.array((0, 0, 70, 60)))
+
+    def registered(steps: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        theta, costs = np.zeros(8), np.empty(2)
+        how = kernels.Registration(prior=np.full(8, 1e-6), scale=20.0, ceiling=40.0, stiffness=0.0, steps=steps)
+        kernels.gauss_newton(window, points, how, theta, costs)
+        return theta, costs
+
+    theta, costs = registered(8)
     assert theta[[0, 3]] == pytest.approx(motion, abs=0.01)
     assert theta[6] == pytest.approx(100 * (gain - 1), abs=1.0)
-    assert costs[0] == pytest.approx(kernels.residual(pixels, points, count, np.zeros(8), 40.0, inside))
+    assert costs[0] == pytest.approx(kernels.residual(window, points, np.zeros(8), 40.0))
     assert costs[1] < 0.5
-    unmoved = np.zeros(8)
-    kernels.gauss_newton(pixels, points, count, unmoved, np.full(8, 1e-6), 20.0, 40.0, inside, costs, 0, 0.0)
+    unmoved, costs = registered(0)
     assert not unmoved.any()
     assert costs[0] == costs[1]
 
 
 def test_registration_says_when_the_layer_is_out_of_the_frame() -> None:
     """A motion that takes three quarters of the layer out of the frame costs more than any other."""
-    image, points, inside = wave(40, 40), np.empty((14, 2000), np.float32), np.array((0, 0, 40, 40))
-    count = kernels.collect(image, np.ones((40, 40), np.float32), (20.0, 20.0, 20.0, 1.0), 1, points)
+    image, points = wave(40, 40), kernels.Points(np.empty((14, 2000), np.float32))
+    kernels.collect(image, np.ones((40, 40), np.float32), (20.0, 20.0, 20.0, 1.0), 1, points)
     theta = np.array((35.0, 0, 0, 0, 0, 0, 0, 0))
-    assert kernels.residual(image, points, count, theta, 40.0, inside) == 1e9
+    assert kernels.residual(kernels.Window(image, np.array((0, 0, 40, 40))), points, theta, 40.0) == 1e9
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -539,7 +545,8 @@ def test_carried_layers_are_the_resampled_ones() -> None:
     counts = np.zeros((3, h, w), np.float32)
     out = [np.empty_like(a) for a in (*images, *planes)]
     own = np.empty((h, w), np.uint8)
-    kernels.carry(images[0], images[1], *planes, counts, inverse, part, True, *out, own)
+    expected = kernels.Expected(*out, own, part)
+    kernels.carry(images[0], kernels.Layer(images[1], *planes), counts, inverse, True, expected)
     inner = (slice(part[1], part[3]), slice(part[0], part[2]))
     for before, after, fill in zip((*images, *planes), out, (None, None, -3.0, 0.0), strict=True):
         wanted = np.empty((h, w, before.size // (h * w)), np.float32)

@@ -162,16 +162,28 @@ def labelled(expected: Mask, evidence: NDArray[np.float32], **changes: Any) -> L
         "left": 0.6,
         **changes,
     }
-    errors = np.stack([evidence] * 4)
     mask, foreign = np.empty((H, W), np.uint8), np.empty((H, W), np.uint8)
     raw, odds, bins = np.empty((H, W), np.float32), np.empty((H, W), np.float32), np.empty((H, W), np.int16)
-    answer = kernels.label(
-        given["image"], given["background"], given["counts"], given["warped"], expected,
-        (expected != 0).astype(np.float32), errors, given["fresh"], given["before"], given["hiding"],
-        given["emerging"], given["colours"], given["weight"], 2.0, given["growth"], given["young"], given["left"],
-        np.array((0, 0, W, H)), bins, raw, odds, mask, foreign,
-    )  # fmt: skip
-    return Labelled(answer, mask, odds, raw, foreign, bins)
+    image, whole = given["image"], np.array((0, 0, W, H))
+    how = kernels.Labelling(
+        colours=given["colours"],
+        colour_weight=given["weight"],
+        noise=2.0,
+        least=given["left"],
+        growth=given["growth"],
+        emerging=given["emerging"],
+        young=given["young"],
+    )
+    *pixels, edges = kernels.label(
+        kernels.Scene(image, whole, image, given["background"], given["counts"]),
+        kernels.Expected(image, image, given["warped"], (expected != 0).astype(np.float32), expected, whole),
+        kernels.Evidence(np.stack([evidence] * 4), given["fresh"]),
+        given["before"],
+        given["hiding"],
+        how,
+        kernels.Labels(bins, raw, odds, mask, foreign),
+    )
+    return Labelled((*pixels, *edges), mask, odds, raw, foreign, bins)
 
 
 def rectangle(x0: int, y0: int, x1: int, y1: int) -> Mask:
@@ -397,10 +409,15 @@ def learned(
     colours = random_histograms()
     outs = [np.empty_like(one) for one in (odds, obj, zero, ground, counts, colours)]
     answer = kernels.learn(
-        image, image, mask, own, foreign, odds, odds, odds, obj, zero, errors, bins, ground, counts,
-        np.array((0, 0, W, H)), np.array((4, 2, W - 2, H - 6)), 0.1, False, False, colours, 0.1,
-        *outs,
-    )  # fmt: skip
+        kernels.Window(image, np.array((4, 2, W - 2, H - 6))),
+        image,
+        kernels.Expected(image, obj, odds, zero, own, np.array((0, 0, W, H))),
+        errors,
+        kernels.Labels(bins, odds, odds, mask, foreign),
+        kernels.Ground(ground, counts),
+        kernels.Learning(colours=colours, shape_rate=0.1, colour_rate=0.1, freeze=False, hidden=False),
+        kernels.Memory(*outs),
+    )
     return Learned(answer, outs[3], outs[5])
 
 
@@ -440,6 +457,18 @@ def test_colours_are_learned_of_object_and_ground() -> None:
         np.testing.assert_allclose(found.colours[which], before + 0.1 * (smoothed(counts) - before), atol=1e-7)
 
 
+LIKELIHOOD = kernels.Likelihood(
+    ground_slope=0.02,
+    object_slope=0.12,
+    channel_weight=1.8,
+    contrast=0.9,
+    occluded=False,
+    noise=2.5,
+    ground_gains=(0.35, 2.5),
+    object_gains=(0.6, 1.7),
+)
+
+
 @pytest.mark.parametrize("everywhere", [True, False])
 def test_explaining_is_moving_and_weighing(everywhere: bool) -> None:
     """One call gives what the two kernels give that it is made of."""
@@ -449,16 +478,15 @@ def test_explaining_is_moving_and_weighing(everywhere: bool) -> None:
     counts = rng.integers(0, 9, (3, H, W)).astype(np.float32)
     inverse, part = np.array((1.02, 0.01, -3.3, -0.02, 0.98, 2.6)), np.array((5, 0, W - 4, H - 7))
     inside = np.array((3, 4, W, H - 2))
-    knobs = np.array((0.02, 0.12, 1.8, 0.9, 0.0, 2.5, 0.35, 2.5, 0.6, 1.7), np.float32)
     kinds = [(previous, np.float32), (obj, np.float32), (odds, np.float32), (shape, np.float32), (odds, np.uint8)]
     one, two = ([np.empty(like.shape, kind) for like, kind in kinds] for _ in range(2))
     errors, fresh = np.empty((2, 4, H, W), np.float32), np.empty((2, H, W), np.uint8)
-    kernels.carry(previous, obj, odds, shape, counts, inverse, part, everywhere, *one)
-    wanted = kernels.evidence(image, background, moved, *one[:3], counts, part, inside, knobs, errors[0], fresh[0])
-    found = kernels.warp_and_score(
-        previous, obj, odds, shape, inverse, everywhere, image, background, moved, counts, part, inside, knobs,
-        *two, errors[1], fresh[1],
-    )  # fmt: skip
+    layer, scene = kernels.Layer(obj, odds, shape), kernels.Scene(image, inside, moved, background, counts)
+    expected, seen = kernels.Expected(*one, part), kernels.Evidence(errors[0], fresh[0])
+    kernels.carry(previous, layer, counts, inverse, everywhere, expected)
+    wanted = kernels.evidence(scene, expected, LIKELIHOOD, seen)
+    expected, seen = kernels.Expected(*two, part), kernels.Evidence(errors[1], fresh[1])
+    found = kernels.warp_and_score(scene, previous, layer, inverse, everywhere, LIKELIHOOD, expected, seen)
     assert found == wanted
     for mine, other in ((one, two), (errors[:1], errors[1:]), (fresh[:1], fresh[1:])):
         for a, b in zip(mine, other, strict=True):
@@ -482,9 +510,11 @@ def test_ground_that_has_changed_is_ground_outside_the_object(odds: float, seen_
     before = image if seen_before else known
     planes, fresh = np.empty((4, H, W), np.float32), np.empty((H, W), np.uint8)
     whole = np.array((0, 0, W, H))
-    likelihood = np.array((0.02, 0.12, 1.8, 0.9, 0.0, 2.5, 0.35, 2.5, 0.6, 1.7), np.float32)
+    belief, own = np.full((H, W), odds, np.float32), np.full((H, W), odds > 0, np.uint8)
     kernels.evidence(
-        image, known, before, before, image, np.full((H, W), odds, np.float32), np.full((3, H, W), 9.0, np.float32),
-        whole, whole, likelihood, planes, fresh,
-    )  # fmt: skip
+        kernels.Scene(image, whole, before, known, np.full((3, H, W), 9.0, np.float32)),
+        kernels.Expected(before, image, belief, own.astype(np.float32), own, whole),
+        LIKELIHOOD,
+        kernels.Evidence(planes, fresh),
+    )
     assert np.mean((planes[0] < 0.0) == ground) > 0.99

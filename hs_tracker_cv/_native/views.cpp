@@ -44,12 +44,16 @@ std::string type_name(const char *format, Py_ssize_t item_size) {
     return *code == '?' ? "bool" : kind + std::to_string(8 * item_size);
 }
 
-Buffer::Buffer(nb::handle object, const char *name, const char *type, int dimensions, bool writable) : name_(name) {
-    const std::string expected = std::string("expected ") + name + " to be an array of " + type + " with " +
-                                 std::to_string(dimensions) + " dimensions";
+std::string Buffer::expected() const {
+    return std::string("expected ") + name_ + " to be an array of " + type_ + " with " + std::to_string(dimensions_) +
+           " dimensions";
+}
+
+Buffer::Buffer(nb::handle object, const char *name, const char *type, int dimensions, bool writable)
+    : name_(name), type_(type), dimensions_(dimensions) {
     if (PyObject_GetBuffer(object.ptr(), &view_, PyBUF_STRIDES | PyBUF_FORMAT)) {
         PyErr_Clear();
-        throw nb::type_error((expected + ", got " + nb::type_name(object.type()).c_str()).c_str());
+        throw nb::type_error((expected() + ", got " + nb::type_name(object.type()).c_str()).c_str());
     }
     const std::string given = type_name(view_.format, view_.itemsize);
     std::string wrong;
@@ -66,9 +70,13 @@ Buffer::Buffer(nb::handle object, const char *name, const char *type, int dimens
         wrong = "a read-only one";
     if (wrong.empty()) return;
     PyBuffer_Release(&view_); // the destructor does not run
-    wrong = expected + ", got " + wrong;
+    wrong = expected() + ", got " + wrong;
     if (other_type) throw nb::type_error(wrong.c_str());
     throw nb::value_error(wrong.c_str());
+}
+
+void Buffer::expect_writable() const {
+    if (view_.readonly) throw nb::value_error((expected() + ", got a read-only one").c_str());
 }
 
 void Buffer::expect(std::initializer_list<Py_ssize_t> sizes) const {

@@ -29,10 +29,15 @@ class Buffer {
 
     // ValueError unless the array has these sizes; -1 allows any.
     void expect(std::initializer_list<Py_ssize_t> sizes) const;
+    // ValueError unless it may be written.
+    void expect_writable() const;
 
   private:
+    std::string expected() const;
+
     Py_buffer view_;
-    const char *name_;
+    const char *name_, *type_;
+    int dimensions_;
 };
 
 template <class T> constexpr const char *type_of();
@@ -52,6 +57,16 @@ template <class T, int Dimensions> class Array : public Buffer {
         expect(sizes);
     }
     T *data() const { return static_cast<T *>(Buffer::data()); }
+};
+
+// An array of a struct, which one kernel reads and another writes.
+template <class T, int Dimensions> class Field : public Array<const T, Dimensions> {
+  public:
+    using Array<const T, Dimensions>::Array;
+    T *out() const {
+        this->expect_writable();
+        return static_cast<T *>(Buffer::data());
+    }
 };
 
 } // namespace hs

@@ -5,13 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .._native.kernels.segmentation import move_ground
+from .._native.kernels.segmentation import Ground, move_ground
 from . import tuning
 from .state import Atlas, Image, Plane
 
-__all__ = ["Background", "Registered", "move", "place"]
+__all__ = ["Background", "Registered", "Theta", "move", "place"]
+
+Theta = tuple[float, float, float, float, float, float, float, float]
+"""A motion as the kernels have it."""
 
 
 class Background(NamedTuple):
@@ -28,9 +30,9 @@ class Registered(NamedTuple):
     gain: float
 
     @classmethod
-    def of(cls, theta: NDArray[np.float64]) -> Registered:
+    def of(cls, theta: Theta) -> Registered:
         """Read it from a motion as the kernels have it; a gain of next to one is one."""
-        x, _, _, y, _, _, percent, _ = theta.tolist()
+        x, _, _, y, _, _, percent, _ = theta
         gain = min(max(1.0 + 0.01 * percent, tuning.LEAST_GAIN), tuning.MOST_GAIN)
         return cls((x, y), 1.0 if abs(gain - 1.0) <= tuning.SAME_GAIN else gain)
 
@@ -52,5 +54,5 @@ def move(atlas: Atlas, dx: int, dy: int, image: Image, odds: Plane, gain: float 
         return atlas
     h, w = odds.shape
     picture, counts = np.empty((h, w, 3), np.float32), np.empty((3, h, w), np.float32)
-    move_ground(dx, dy, gain, atlas.image, atlas.counts, image, odds, picture, counts)
+    move_ground(dx, dy, gain, atlas.native, image, odds, Ground(picture, counts))
     return Atlas(picture, counts, atlas.offset)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._native.kernels.segmentation import evidence, label, warp_and_score
+from .._native.kernels import segmentation as kernels
 from ..geometry import Box
 from . import mask as masks
 from . import motion, tuning
@@ -35,6 +35,11 @@ class Expected(NamedTuple):
     obj: Image
     part: NDArray[np.int64]
 
+    @property
+    def native(self) -> kernels.Expected:
+        """As the kernels have it."""
+        return kernels.Expected(self.carried, self.obj, self.odds, self.shape, self.own, self.part)
+
 
 class Evidence(NamedTuple):
     """Planes (4, h, w) of `evidence`, where something is new, and how much of the object looks as it did."""
@@ -42,6 +47,11 @@ class Evidence(NamedTuple):
     errors: NDArray[np.float32]
     fresh: masks.Mask
     alike: float
+
+    @property
+    def native(self) -> kernels.Evidence:
+        """As the kernels have it."""
+        return kernels.Evidence(self.errors, self.fresh)
 
 
 class Labels(NamedTuple):
@@ -53,6 +63,11 @@ class Labels(NamedTuple):
     errors: NDArray[np.float32]
     distractor: masks.Mask | None
     bins: NDArray[np.int16]
+
+    @property
+    def native(self) -> kernels.Labels:
+        """As the kernels have it."""
+        return kernels.Labels(self.bins, self.raw, self.odds, self.mask, self.distractor)
 
 
 class VisiblePart(NamedTuple):
@@ -85,12 +100,16 @@ def predict_layers(state: SegmentationState, window: Window, moves: motion.Moves
         part=_whole(h, w) if everywhere else _reach(moves, h, w),
     )
     errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
-    alike = warp_and_score(
-        state.previous, state.obj, state.odds, state.shape, motion.inverse_matrix(moves.theta, moves.grid),
-        everywhere, window.image, expected.background, expected.moved, _counts(moves), expected.part, window.inside,
-        _likelihood(state, window, moves), expected.carried, expected.obj, expected.odds, expected.shape,
-        expected.own, errors, fresh,
-    )  # fmt: skip
+    alike = kernels.warp_and_score(
+        _scene(window, expected, moves),
+        state.previous,
+        kernels.Layer(state.obj, state.odds, state.shape),
+        motion.inverse_matrix(moves.theta, moves.grid),
+        everywhere,
+        _likelihood(state, window, moves),
+        expected.native,
+        kernels.Evidence(errors, fresh),
+    )
     return expected, Evidence(errors, fresh, alike)
 
 
@@ -149,25 +168,33 @@ def measure_evidence(state: SegmentationState, window: Window, expected: Expecte
     """Evidence per pixel; see `evidence`."""
     h, w = window.gray.shape
     errors, fresh = np.empty((4, h, w), np.float32), np.empty((h, w), np.uint8)
-    alike = evidence(
-        window.image, expected.background, expected.moved, expected.carried, expected.obj, expected.odds,
-        _counts(moves), expected.part, window.inside, _likelihood(state, window, moves), errors, fresh,
-    )  # fmt: skip
+    alike = kernels.evidence(
+        _scene(window, expected, moves),
+        expected.native,
+        _likelihood(state, window, moves),
+        kernels.Evidence(errors, fresh),
+    )
     return Evidence(errors, fresh, alike)
 
 
-def _counts(moves: motion.Moves) -> NDArray[np.float32]:
-    """How well the evidence may take the background to be known."""
-    return moves.atlas.counts
+def _scene(window: Window, expected: Expected, moves: motion.Moves) -> kernels.Scene:
+    """Put this frame and the images that explain it together."""
+    return kernels.Scene(window.image, window.inside, expected.moved, expected.background, moves.atlas.counts)
 
 
-def _likelihood(state: SegmentationState, window: Window, moves: motion.Moves) -> NDArray[np.float32]:
+def _likelihood(state: SegmentationState, window: Window, moves: motion.Moves) -> kernels.Likelihood:
     """Numbers of the likelihoods, as `evidence` wants them."""
     tau = tuning.TAU_WHOLE if moves.atlas.offset == (0.0, 0.0) else tuning.TAU_FRACTION
-    kappa = tuning.KAPPA_COLOUR if window.colour else 1.0
-    occluded = float(state.occlusion.occluded)
-    gains = (*tuning.GROUND_GAINS, *tuning.OBJECT_GAINS)
-    return np.array((tau**2, tuning.TAU_OBJECT**2, kappa, moves.contrast, occluded, state.noise, *gains), np.float32)
+    return kernels.Likelihood(
+        ground_slope=tau**2,
+        object_slope=tuning.TAU_OBJECT**2,
+        channel_weight=tuning.KAPPA_COLOUR if window.colour else 1.0,
+        contrast=moves.contrast,
+        occluded=state.occlusion.occluded,
+        noise=state.noise,
+        ground_gains=tuning.GROUND_GAINS,
+        object_gains=tuning.OBJECT_GAINS,
+    )
 
 
 def in_front(state: SegmentationState, window: Window, moves: motion.Moves, expected: Expected) -> masks.Mask | None:
@@ -190,14 +217,19 @@ def assign(
     h, w = window.gray.shape
     mask, foreign = np.empty((h, w), np.uint8), np.empty((h, w), np.uint8)
     raw, odds, bins = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w), np.int16)
-    # what comes out from behind something may be the object itself
-    emerging = bool(state.occlusion.occluded or state.occlusion.coasting)
-    others, area, both, visible, *edges = label(
-        window.image, expected.background, moves.atlas.counts, expected.odds, expected.own, expected.shape,
-        seen.errors, seen.fresh, state.distractor, hiding, emerging, state.colours,
-        params.colour_weight, state.noise, tuning.GROWTH, state.count <= 2, tuning.LEAST_LEFT, window.inside, bins,
-        raw, odds, mask, foreign,
-    )  # fmt: skip
+    how = kernels.Labelling(
+        colours=state.colours,
+        colour_weight=params.colour_weight,
+        noise=state.noise,
+        least=tuning.LEAST_LEFT,
+        growth=tuning.GROWTH,
+        # what comes out from behind something may be the object itself
+        emerging=bool(state.occlusion.occluded or state.occlusion.coasting),
+        young=state.count <= 2,
+    )
+    labels = Labels(mask, odds, raw, seen.errors, foreign, bins)
+    others, area, both, visible, edges = kernels.label(
+        _scene(window, expected, moves), expected.native, seen.native, state.distractor, hiding, how, labels.native
+    )
     box = Box.from_edges(*edges) if edges[0] < edges[2] else None
-    labels = Labels(mask, odds, raw, seen.errors, foreign if others else None, bins)
-    return labels, VisiblePart(area, both, visible, box)
+    return labels if others else labels._replace(distractor=None), VisiblePart(area, both, visible, box)

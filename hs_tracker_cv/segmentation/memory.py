@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .._native.kernels.segmentation import KNOWN, bin_colours, learn, move_object
+from .._native.kernels import segmentation as kernels
 from . import background as ground
 from . import colour, motion, tuning
 from .labelling import Expected, Labels
@@ -52,9 +52,9 @@ def seed(image: Image, box: tuple[float, float, float, float], origin: tuple[int
     odds[square <= 1.0] = tuning.SEED_BOX_ODDS
     odds[ellipse <= tuning.SEED_ELLIPSE] = tuning.SEED_ODDS
     counts = np.zeros((3, h, w), np.float32)
-    counts[0] = np.where(square > 1.0, KNOWN, np.float32(0.0))
+    counts[0] = np.where(square > 1.0, kernels.KNOWN, np.float32(0.0))
     bins = np.empty((h, w), np.int16)
-    bin_colours(image, bins)
+    kernels.bin_colours(image, bins)
     core = ellipse <= tuning.SEED_COLOURS
     tally = [np.bincount(bins[where], minlength=colour.BINS) for where in (core, square > 1.0)]
     colours = colour.histograms(np.array(tally, np.float32))
@@ -91,12 +91,22 @@ def learn_frame(
     colours = np.empty_like(state.colours)
     rate = max(tuning.COLOUR_RATE, 1.0 / (state.count + 2))  # the ground in a box just drawn is soon forgotten
     shape_rate = tuning.YOUNG_RATE if state.count < tuning.YOUNG else tuning.SHAPE_RATE
-    known, strange, spread = learn(
-        window.image, aligned, labels.mask, expected.own, labels.distractor,
-        labels.odds, labels.raw, expected.odds, expected.obj, expected.shape, labels.errors, labels.bins, atlas.image,
-        atlas.counts, expected.part, window.inside, shape_rate, hidden or suspected, hidden,
-        state.colours, 0.0 if hidden else rate, odds, obj, shape, picture, counts, colours,
-    )  # fmt: skip
+    known, strange, spread = kernels.learn(
+        window.native,
+        aligned,
+        expected.native,
+        labels.errors,
+        labels.native,
+        atlas.native,
+        kernels.Learning(
+            colours=state.colours,
+            shape_rate=shape_rate,
+            colour_rate=0.0 if hidden else rate,
+            freeze=hidden or suspected,
+            hidden=hidden,
+        ),
+        kernels.Memory(odds, obj, shape, picture, counts, colours),
+    )
     if hidden:
         odds = tuning.HIDDEN_SLOPE * (expected.shape - np.float32(0.5))
         odds = np.clip(odds, tuning.HIDDEN_LEAST, tuning.HIDDEN_MOST).astype(np.float32)
@@ -118,7 +128,7 @@ def move(state: SegmentationState, picture: Picture, origin: tuple[int, int]) ->
         return state.replace(previous=image, gray=gray)
     h, w = gray.shape
     odds, shape, obj = np.empty((h, w), np.float32), np.empty((h, w), np.float32), np.empty((h, w, 3), np.float32)
-    move_object(dx, dy, state.odds, state.shape, state.obj, odds, shape, obj)
+    kernels.move_object(dx, dy, kernels.Layer(state.obj, state.odds, state.shape), kernels.Layer(obj, odds, shape))
     return state.replace(
         origin=origin,
         previous=image,

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .._native.kernels.segmentation import FAR_OFF, POINT_ROWS, measure_motion, predict_motion, start_flow
-from .._native.kernels.segmentation import residual as registration_residual
+from .._native.kernels import segmentation as kernels
 from . import background as ground
 from . import tuning
 from .state import Atlas, Image, Plane, SegmentationParams, SegmentationState
@@ -79,10 +78,10 @@ def find(state: SegmentationState, window: Window, params: SegmentationParams) -
     flow = _dense_flow(window, predicted.start, state, params)
     if coasting or (hidden and predicted.visible < tuning.HARDLY_VISIBLE * state.box[2] * state.box[3]):
         # hardly anything is seen: it moves as it did before
-        registered, _ = _measure(state, window, flow, predicted, state.odds, count=0)
+        registered, _ = _measure(state, window, flow, predicted, state.odds, points=None)
         theta = _theta(state.velocity)
     else:
-        registered, theta = _measure(state, window, flow, predicted, state.odds, count=predicted.listed)
+        registered, theta = _measure(state, window, flow, predicted, state.odds, points=predicted.points)
     return _moves(state, window, predicted, flow, registered, theta, state.match_cost if known else predicted.cost)
 
 
@@ -131,7 +130,7 @@ def follow(
     """Motion of the camera into this frame; that of the object, which is where `odds` are positive, is given."""
     predicted = _predict(state, window, odds, _EVENLY, (*velocity, *_NO_LINEAR), known=True)
     flow = _dense_flow(window, predicted.start, state, params)
-    registered, _ = _measure(state, window, flow, predicted, odds, count=0)
+    registered, _ = _measure(state, window, flow, predicted, odds, points=None)
     return _moves(state, window, predicted, flow, registered, _theta(velocity), state.match_cost)
 
 
@@ -144,18 +143,22 @@ def displace(moves: Moves, shift: tuple[int, int]) -> Moves:
 
 
 class _Prediction(NamedTuple):
-    """What is known before the flow is; see `predict_motion`."""
+    """What is known before the flow is; see `kernels.predict_motion`."""
 
     near: NDArray[np.uint8]
     weight: Plane
-    points: NDArray[np.float32]
-    listed: int
+    points: kernels.Points
     grid: Grid
     extent: tuple[int, int, int, int]
     visible: float
     theta: NDArray[np.float64]
     cost: float
     start: NDArray[np.float32]
+
+    @property
+    def native(self) -> kernels.Prediction:
+        """As the kernels have it."""
+        return kernels.Prediction(self.near, self.weight, self.theta, self.start)
 
 
 def _predict(
@@ -183,16 +186,17 @@ def _predict(
     )
     near, weight = np.empty((h, w), np.uint8), np.empty_like(odds)
     shown = state.visible if changed is None else changed
-    points, start = (
-        np.empty((POINT_ROWS, max(tuning.POINTS, h * w // 16 + 64)), np.float32),
-        np.empty((h, w, 2), np.float32),
+    points = kernels.Points(np.empty((kernels.POINT_ROWS, max(tuning.POINTS, h * w // 16 + 64)), np.float32))
+    theta, start = np.empty(8), np.empty((h, w, 2), np.float32)
+    cost, visible, grid, extent = kernels.predict_motion(
+        window.native,
+        state.obj,
+        kernels.Outline(odds, shown, way, box),
+        kernels.LastMotion(motion=motion, camera=state.camera, known=known),
+        points,
+        kernels.Prediction(near, weight, theta, start),
     )
-    theta = np.empty(8)
-    count, cost, visible, grid, extent = predict_motion(
-        odds, shown, way, box, state.obj, window.image, window.inside, motion, state.camera, known, near, weight,
-        points, theta, start,
-    )  # fmt: skip
-    return _Prediction(near, weight, points, count, Grid(*grid), extent, visible, theta, cost, start)
+    return _Prediction(near, weight, points, Grid(*grid), extent, visible, theta, cost, start)
 
 
 def _measure(
@@ -202,17 +206,23 @@ def _measure(
     predicted: _Prediction,
     odds: Plane,
     *,
-    count: int,
+    points: kernels.Points | None,
 ) -> tuple[ground.Registered, NDArray[np.float64]]:
     """How the background moved and how the object did; only the first without any points."""
-    register, theta = np.empty(8), np.empty(8)
-    atlas, young = state.atlas, state.count < tuning.MOVING_YOUNG
-    measure_motion(
-        flow, window.image, window.previous, window.inside, predicted.near, state.camera, state.noise, atlas.image,
-        atlas.counts, atlas.offset, tuning.CAMERA_STEPS, odds, predicted.weight, predicted.grid, predicted.points,
-        count, predicted.theta, state.occlusion.occluded, young, tuning.OBJECT_STEPS, register, theta,
-    )  # fmt: skip
-    return ground.Registered.of(register), theta
+    how = kernels.Measuring(
+        grid=predicted.grid,
+        camera=state.camera,
+        offset=state.atlas.offset,
+        noise=state.noise,
+        hidden=state.occlusion.occluded,
+        young=state.count < tuning.MOVING_YOUNG,
+        ground_steps=tuning.CAMERA_STEPS,
+        steps=tuning.OBJECT_STEPS,
+    )
+    register, theta = kernels.measure_motion(
+        window.native, window.previous, flow, odds, state.atlas.native, predicted.native, points, how
+    )
+    return ground.Registered.of(register), np.array(theta)
 
 
 def _moves(
@@ -227,10 +237,9 @@ def _moves(
     atlas, camera = ground.place(state.atlas, registered, window.image, state.odds)
     contrast = _contrast(theta, camera, state.contrast)
     strange = tuning.STRANGE_NOISE * state.noise + tuning.STRANGE
-    points, grid = predicted.points, predicted.grid
-    left = registration_residual(window.image, points, predicted.listed, theta, strange, window.inside)
+    left = kernels.residual(window.native, predicted.points, theta, strange)
     misfit = min(left / strange, 1.0)
-    return Moves(grid, theta, residual, flow, camera, atlas, contrast, predicted.extent, misfit)
+    return Moves(predicted.grid, theta, residual, flow, camera, atlas, contrast, predicted.extent, misfit)
 
 
 def _contrast(theta: NDArray[np.float64], camera: tuple[float, float], last: float) -> float:
@@ -250,7 +259,7 @@ def _predict_by_search(state: SegmentationState, window: Window, predicted: _Pre
     grid = predicted.grid
     shift = _search_translation(state, window.image, predicted.weight, grid)
     theta = _theta(shift)
-    cost = registration_residual(window.image, predicted.points, predicted.listed, theta, FAR_OFF, window.inside)
+    cost = kernels.residual(window.native, predicted.points, theta, kernels.FAR_OFF)
     dx, dy = shift[0] - state.velocity[0], shift[1] - state.velocity[1]
     distance = dx * dx + dy * dy
     penalised = _penalised(cost, distance, grid)
@@ -259,7 +268,7 @@ def _predict_by_search(state: SegmentationState, window: Window, predicted: _Pre
     if penalised >= (first if state.count == 0 else later):
         return predicted
     start = np.empty_like(predicted.start)
-    start_flow(predicted.near, predicted.grid, theta, state.camera, start)
+    kernels.start_flow(predicted.near, predicted.grid, theta, state.camera, start)
     return predicted._replace(theta=theta, cost=cost, start=start)
 
 

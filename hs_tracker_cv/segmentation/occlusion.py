@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .._native.kernels.segmentation import search_shift
+from .._native.kernels.segmentation import Window, search_shift
 from ..geometry import Box
 from . import tuning
 from .mask import Mask
@@ -125,9 +125,9 @@ def find_again(
     if np.count_nonzero(different) < tuning.FEWEST_DIFFERENT * np.count_nonzero(shape > 0.5):
         return 0, 0
     step = 1 + reach // tuning.SEARCH_STRIDE
-    arguments = (image, obj, shape, different)
-    score, still, dx, dy = search_shift(*arguments, (0, 0), reach, step, inside, noise)
+    arguments = (Window(image, inside), obj, shape, different)
+    score, still, dx, dy = search_shift(*arguments, (0, 0), reach, step, noise)
     if step > 1:
-        score, _, dx, dy = search_shift(*arguments, (dx, dy), step - 1, 1, inside, noise)
+        score, _, dx, dy = search_shift(*arguments, (dx, dy), step - 1, 1, noise)
     better = score > tuning.BETTER * still + tuning.BETTER_ADDED and score > tuning.ENOUGH
     return (dx, dy) if better else (0, 0)

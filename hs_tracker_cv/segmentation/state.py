@@ -8,6 +8,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._native.kernels.segmentation import Ground
 from ..estimate import Estimate
 from ..validation import Count, Shape, Within
 from .colour import BINS
@@ -114,6 +115,11 @@ class Atlas:
     image: Image
     counts: Annotated[NDArray[np.float32], Shape(3, "h", "w")]
     offset: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def native(self) -> Ground:
+        """As the kernels have it."""
+        return Ground(self.image, self.counts)
 
 
 class Occlusion(NamedTuple):

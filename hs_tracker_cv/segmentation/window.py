@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .._native.kernels.segmentation import resample, shift, smooth
+from .._native.kernels import segmentation as kernels
 from ..frames import Frame, crop
 from ..geometry import Box
 from . import tuning
@@ -52,6 +52,11 @@ class Window(NamedTuple):
     inside: NDArray[np.int64]
     colour: bool
     light: Light
+
+    @property
+    def native(self) -> kernels.Window:
+        """As the kernels have it."""
+        return kernels.Window(self.image, self.inside)
 
 
 def cut_window(state: SegmentationState, frame: Frame) -> Window:
@@ -123,7 +128,7 @@ def grab(
     left, top = (origin[0] - _RING) * step, (origin[1] - _RING) * step
     pixels = crop(frame, left, top, (w + 2 * _RING) * step, (h + 2 * _RING) * step, step=step)
     image, gray = np.empty((h, w, 3), np.float32), np.empty((h, w), np.float32)
-    smooth(pixels.reshape(h + 2 * _RING, w + 2 * _RING, -1), _TAPS, image, gray)
+    kernels.smooth(pixels.reshape(h + 2 * _RING, w + 2 * _RING, -1), _TAPS, image, gray)
     return _divided(Picture(image, gray), light)
 
 
@@ -196,7 +201,7 @@ def transformed(
     inverse = np.array((e, -b, b * f - c * e, -d, a, c * d - a * f)) * scale
     source = np.ascontiguousarray(image).reshape(image.shape[0], image.shape[1], -1)
     out = np.empty((*size, source.shape[2]), np.float32)
-    resample(source, inverse, fill is None, 0.0 if fill is None else fill, out)
+    kernels.resample(source, inverse, fill is None, 0.0 if fill is None else fill, out)
     return out.reshape(*size, *image.shape[2:])
 
 
@@ -235,7 +240,7 @@ def shifted(array: NDArray[np.float32], dx: int, dy: int, size: tuple[int, int],
     """Copy an array into a window whose pixel (i, j) is the array's (i + dx, j + dy); `fill` where it has none."""
     channels = math.prod(array.shape[2:])
     out = np.empty((*size, *array.shape[2:]), np.float32)
-    shift(array.reshape(array.shape[0], -1), dx * channels, dy, fill, out.reshape(size[0], -1))
+    kernels.shift(array.reshape(array.shape[0], -1), dx * channels, dy, fill, out.reshape(size[0], -1))
     return out
 
 
