@@ -73,6 +73,13 @@ def _place(rows: Rows, frame: float, count: int, where: str) -> int:
     return index
 
 
+def _share_seen(value: float, where: str) -> float:
+    """Visibility, which is a share."""
+    if not 0.0 <= value <= 1.0:
+        raise SequenceError(f"{where}: expected a visibility from 0 to 1, got {value:g}")
+    return value
+
+
 def read_mot(path: Path, count: int) -> Tracks:
     """Read the file of MOTChallenge: frame, object, x, y, w, h, and optionally flag, class, visibility.
 
@@ -97,7 +104,7 @@ def read_mot(path: Path, count: int) -> Tracks:
             continue
         x, y, w, h = values[2:6]
         rows = found.setdefault(f"{values[1]:g}", {})
-        shown = values[8] if len(values) == 9 else 1.0
+        shown = _share_seen(values[8], where) if len(values) == 9 else 1.0
         rows[_place(rows, values[0] - 1, count, where)] = ((x - 1, y - 1, w, h), shown)
     return {name: _track(rows, count) for name, rows in found.items()}
 
@@ -215,7 +222,7 @@ def _coco_video(
                 masks.setdefault(identity, {})[index] = mask
             x, y, w, h = (float(value) for value in note["bbox"])
             place = _place(rows, index, len(order), here)
-            rows[place] = ((x, y, w, h), float(note.get("visibility", 1.0)))
+            rows[place] = ((x, y, w, h), _share_seen(float(note.get("visibility", 1.0)), here))
         if "hidden_bbox" in image:
             x, y, w, h = (float(value) for value in image["hidden_bbox"])
             found.setdefault("0", {})[index] = ((x, y, w, h), 0.0)
@@ -267,7 +274,7 @@ def _boxes_of_rows(rows: list[dict[str, str]], columns: list[str], count: int, p
             continue
         a, b, c, d = (read_number((row[name] or "").strip(), where) for name in names)
         box = (a, b, c - a, d - b) if names in _CORNERS else (a, b, c, d)
-        shown = read_number(row["visibility"].strip(), where) if row.get("visibility") else 1.0
+        shown = _share_seen(read_number(row["visibility"].strip(), where), where) if row.get("visibility") else 1.0
         track = found.setdefault(row[identity].strip() if identity else "0", {})
         track[_place(track, read_number((row["frame"] or "").strip(), where), count, where)] = (box, shown)
     return {name: _track(track, count) for name, track in found.items()}

@@ -405,6 +405,8 @@ def canonical_dataset(reference: str) -> str:
     if "+" in reference:
         return f"{'csv' if path.suffix == '.csv' else 'video'}:{reference}"
     if path.is_file():
+        if path.suffix.lower() != ".json":
+            raise SequenceError(f"expected a data set's folder, COCO's .json, or VIDEO+BOXFILE, got the file {path}")
         return f"coco:{reference}"
     found = next((kind for marker, kind in _MARKS if _marked(path, marker)), None)
     if found is None:

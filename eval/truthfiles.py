@@ -6,6 +6,7 @@ import configparser
 import csv
 import io
 import json
+import math
 import re
 import warnings
 from decimal import Decimal
@@ -120,7 +121,7 @@ def _read_box(line: str, where: str, first: int) -> tuple[tuple[float, ...], str
     words = _words(line.strip(), where)
     if not words:
         return (np.nan,) * 4, ""
-    wrong = [word for word in words if not (_NUMBER.match(word) or _ABSENT.match(word))]
+    wrong = [word for word in words if not (_is_number(word) or _ABSENT.match(word))]
     if wrong:
         raise SequenceError(f"{where}: expected numbers, got {wrong[0]!r} in {line.strip()!r}")
     if len(words) not in (4, 8):
@@ -158,9 +159,14 @@ def read_number(word: str, where: str) -> float:
     SequenceError
         Naming the place and the word that is none.
     """
-    if not _NUMBER.match(word):
+    if not _is_number(word):
         raise SequenceError(f"{where}: expected a number, got {word!r}")
     return float(word)
+
+
+def _is_number(word: str) -> bool:
+    """Whether it is written as our files have numbers, and no larger than a number can be."""
+    return bool(_NUMBER.match(word)) and math.isfinite(float(word))
 
 
 def _words(line: str, where: str) -> list[str]:
@@ -196,7 +202,7 @@ def read_numbers(path: Path, count: int, most: float) -> NDArray[np.float64] | N
         return None
     try:
         words = read_text(path).replace(",", " ").split()  # LaSOT has them in one line, with commas
-        wrong = next((word for word in words if not _NUMBER.match(word)), None)
+        wrong = next((word for word in words if not _is_number(word)), None)
         if wrong is not None:
             raise SequenceError(f"{path}: expected one number per line, got {wrong!r}")
         # One image more than lines, or the other way round, is common in the published sets.

@@ -106,6 +106,7 @@ def test_polygons_have_their_bounding_box(tmp_path: Path) -> None:
         ),
         ("1,2,3,4\n1_0,2,3,4\n1,2,3,4", r"_rect.txt:2: expected numbers, got '1_0' in '1_0,2,3,4'"),
         ("1,2,3,4\n1,2,inf,4\n1,2,3,4", r"_rect.txt:2: expected numbers, got 'inf'"),
+        ("1,2,3,4\n1,2,1e400,4\n1,2,3,4", r"_rect.txt:2: expected numbers, got '1e400'"),
         ("1,2,3,4\n1,2,0x3,4\n1,2,3,4", r"_rect.txt:2: expected numbers, got '0x3'"),
         ("1,2,3,4\n1,2,٣,4\n1,2,3,4", r"_rect.txt:2: expected numbers, got '٣'"),
         ("1,2,3,4", "a: 3 frames but 1 boxes"),
@@ -475,6 +476,8 @@ def test_mot_gives_one_sequence_per_object(tmp_path: Path) -> None:
         ("2,1,1,1,5,5,1,1,1", "a second box of the same object in one frame"),
         ("1,2,3", "expected 6 to 10 numbers, got 3 in '1,2,3'"),
         ("1,2,3,4,5,x", "expected a number, got 'x'"),
+        ("1,2,3,4,5,1e400", "expected a number, got '1e400'"),
+        ("1,2,3,4,5,6,1,1,7", "expected a visibility from 0 to 1, got 7"),
     ):
         (folder / "gt" / "gt.txt").write_text(f"{rows[0]}\n{row}\n")
         with pytest.raises(SequenceError, match=rf"gt\.txt:2: {message}"):
@@ -524,6 +527,10 @@ def test_masks_of_coco(tmp_path: Path) -> None:
     (found,) = load_dataset(f"coco:{tmp_path}")
     text = Mask(0, 0, pixels).text
     assert (found.regions, found.by_region) == ((text, text, "", text, ""), True)
+    notes[3]["visibility"] = 1.5
+    path.write_text(json.dumps({"images": images, "annotations": notes}))
+    with pytest.raises(SequenceError, match=r"annotation 7: expected a visibility from 0 to 1, got 1\.5"):
+        load_dataset(f"coco:{tmp_path}")
     notes[3]["segmentation"] = [[2, 1, 3, 1]]
     path.write_text(json.dumps({"images": images, "annotations": notes}))
     with pytest.raises(
@@ -575,6 +582,7 @@ def test_a_csv_of_boxes(tmp_path: Path) -> None:
         assert_allclose(load_dataset(f"csv:{tmp_path / video}+{table}")[0].boxes[1], [2, 2, 3, 4])
     for text, message in (
         ("frame,x,y\n0,1,2\n", r"expected columns of a box, such as xtl, ytl, xbr, ybr, got frame, x, y"),
+        ("frame,visibility,x,y,w,h\n0,-1,1,2,3,4\n", r"boxes\.csv:2: expected a visibility from 0 to 1, got -1"),
         ("frame,x,y,w,h\n0,1,2,3,4\n1,1,2,3,4a\n", r"boxes\.csv:3: expected a number, got '4a'"),
         ("frame,x,y,w,h\n0,1,2,3,4\n3,1,2,3,4\n", r"boxes\.csv:3: expected a frame of the 3 that there are, got 3"),
         ("a,b\n1,2\n", r"expected a column `frame`, or one of Label Studio's JSON, got a, b"),
@@ -621,6 +629,10 @@ def test_a_layout_is_detected(layout: str, rendered: list[Rendered], tmp_path: P
 
 def test_what_is_no_layout_is_said(tmp_path: Path) -> None:
     """And what there is."""
+    write_clip(tmp_path / "clip.avi", 2)
+    expected = r"expected a data set's folder, COCO's \.json, or VIDEO\+BOXFILE, got the file .*clip\.avi"
+    with pytest.raises(SequenceError, match=expected):
+        load_dataset(str(tmp_path / "clip.avi"))
     with pytest.raises(
         SequenceError, match=r"no data set that we know in .*; expected KIND:WHERE with KIND of otb, vot"
     ):
