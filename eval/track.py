@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from .worker import Arrays, resolve
 
-__all__ = ["Track", "whole_box"]
+__all__ = ["Track", "read_answer", "whole_box"]
 
 
 def whole_box(box: Sequence[float], size: tuple[int, int]) -> tuple[int, int, int, int]:
@@ -91,7 +91,7 @@ class Track:
         start, busy = perf_counter(), process_time()
         answer = self._tracker.update(self._frame)
         times = {"cpu_ms": 1000.0 * (process_time() - busy), "wall_ms": 1000.0 * (perf_counter() - start)}
-        ok, box, corners = _checked(answer)
+        ok, box, corners = read_answer(answer)
         masked = hasattr(self._tracker, "getMask")
         return {"ok": ok, "box": box, "corners": corners, "masked": masked, "score": self._score(), **times}
 
@@ -111,8 +111,14 @@ class Track:
         return score if score >= 0 else math.nan
 
 
-def _checked(answer: Any) -> tuple[bool, list[float], list[float]]:
-    """Flag, box, and the corners of a rotated one: x, y of four, or OpenCV's centre, size and angle."""
+def read_answer(answer: Any) -> tuple[bool, list[float], list[float]]:
+    """Flag, box, and the corners of a rotated one: x, y of four, or OpenCV's centre, size and angle.
+
+    Raises
+    ------
+    ValueError
+        If that is no answer of a tracker's.
+    """
     try:
         ok, box = answer
         if isinstance(box, tuple) and len(box) == 3:

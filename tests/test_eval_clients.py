@@ -91,6 +91,29 @@ def test_what_a_tracker_refuses_is_answered_as_lost(
     assert follower.update(video[0][1])[1] > 0
 
 
+def test_answers_are_read_as_in_our_own_runs(
+    video: tuple[Frames, Boxes], blinking: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A rotated box is the box round it; what is none keeps the last one, and the experiment goes on."""
+    follower, answers = (
+        Follower(blinking),
+        iter(
+            [
+                (True, (5, 5, 15, 5, 15, 20, 5, 20)),
+                (True, ((40.0, 30.0), (20.0, 10.0), 0.0)),
+                (True, (np.nan,) * 4),
+                (True, (1, 2)),
+            ]
+        ),
+    )
+    monkeypatch.setattr(_Blinking, "update", lambda self, image: next(answers))
+    follower.init(video[0][0], (10.0, 20.0, 30.0, 40.0))
+    found = [follower.update(video[0][1]) for _ in range(4)]
+    assert found[0] == ((5.0, 5.0, 10.0, 15.0), 1.0)
+    assert found[1:] == [((30.0, 25.0, 20.0, 10.0), confidence) for confidence in (1.0, 0.0, 0.0)]
+    assert "update returned (True, (1, 2)), expected (ok, (x, y, w, h))" in capsys.readouterr().err
+
+
 def test_what_sees_the_truth_is_refused() -> None:
     """Nobody hands the truth to the oracle there; MIL is known to differ from run to run."""
     with pytest.raises(ValueError, match="Oracle"):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..track import whole_box
+from ..track import read_answer, whole_box
 from ..trackers import find_tracker
 from ..worker import resolve
 
@@ -64,18 +64,18 @@ class Follower:
     def update(self, image: NDArray[np.uint8]) -> tuple[BoxTuple, float]:
         """Box in the next frame and confidence in [0, 1]; while the object is lost, its last box and 0.
 
-        It is lost, too, in a frame that the tracker refuses; the first reason of a sequence goes to standard error.
+        Of a rotated box it is the box round it. The object is lost, too, in a frame that the tracker refuses, or
+        about which it says nothing that is a box; the first reason of a sequence goes to standard error.
         """
         if self._tracker is None:
             return self._box, 0.0
         try:
-            ok, box = self._tracker.update(image)
+            ok, (x, y, w, h), _ = read_answer(self._tracker.update(image))
         except Exception as error:
             self._say(error)
             return self._box, 0.0
-        if not ok:
+        if not (ok and np.isfinite((x, y, w, h)).all()):
             return self._box, 0.0
-        x, y, w, h = (float(value) for value in box)
         self._box = (x, y, w, h)
         score = float(self._tracker.getTrackingScore()) if hasattr(self._tracker, "getTrackingScore") else -1.0
         return self._box, score if score >= 0 else 1.0
