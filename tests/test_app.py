@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import importlib.util
 import os
@@ -449,6 +450,73 @@ def test_what_is_ticked_fast_counts_in_its_order(page: Page) -> None:
 
 
 @pytest.mark.browser
+def test_a_tracker_ticked_on_the_way_does_not_end_the_way(page: Page) -> None:
+    """Neither that to a frame far off, nor a video that plays; the tracker is there at the end."""
+    _drag(page.page, (60, 70), (100, 110))
+    page.await_text("tracks", "TrackerHS 1")
+    page.drag_slider("scrub", 0.8)
+    page.click("use-KCF")
+    page.await_frame(round(0.8 * (COUNT - 1)))
+    page.await_text("tracks", "KCF 1")
+    assert list(page.rows()) == ["TrackerHS 1", "KCF 1"]
+    page.page.keyboard.press("r")
+    page.await_frame(0)
+    page.page.keyboard.press("Space")
+    for _ in range(4):
+        page.click("use-KCF")
+    page.await_frame(COUNT - 1)
+
+
+@pytest.mark.browser
+def test_the_picture_is_that_of_the_frame_told(page: Page) -> None:
+    """Wherever the video is paused: no picture that was still under way comes on top."""
+    frames = np.stack(_frames(COUNT)[0]).astype(np.int16)
+
+    def right() -> bool:
+        url = page.page.locator("[data-part=frame] img").get_attribute("src")
+        encoded = base64.b64decode(url.split(",")[1].split("#")[0])
+        picture = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_COLOR)
+        # Below the frame's number, which is in the corner.
+        return int(np.abs(frames[:, 60:] - picture[60:]).mean(axis=(1, 2, 3)).argmin()) == page.frame
+
+    told = "parseInt(document.querySelector('[data-part=facts]').innerText.split(' ')[1])"
+    for turn in range(6):
+        before = page.frame
+        page.page.keyboard.press("Space")
+        page.page.wait_for_function(f"{told} > {before}", timeout=PATIENCE)
+        page.page.wait_for_timeout(37 * turn)
+        page.page.keyboard.press("Space")
+        page.await_text("play", "play_arrow")
+        _wait_until(right)
+        page.page.wait_for_timeout(300)
+        assert right()
+        if page.frame > COUNT - 10:
+            page.page.keyboard.press("r")
+            page.drag_slider("scrub", 0.0)
+            page.await_frame(0)
+
+
+@pytest.mark.browser
+def test_the_way_to_a_frame_ends_where_a_box_is_begun(page: Page) -> None:
+    """And the box holds for the frame in which it was drawn; the right button draws none."""
+    page.drag_slider("scrub", 0.6)
+    _drag(page.page, (20, 20), (70, 60))
+    page.await_text("hint", "box 20, 20, 50, 40 at frame")
+    page.await_text("tracks", "TrackerHS 1")
+    begun = page.frame
+    assert page.text("hint").endswith(f"at frame {begun}")
+    place = page.page.locator("[data-part=frame] img").first.bounding_box()
+    page.page.mouse.move(place["x"] + 30, place["y"] + 30)
+    page.page.mouse.down(button="right")
+    page.page.mouse.move(place["x"] + 200, place["y"] + 200, steps=4)
+    page.page.mouse.up(button="right")
+    page.click("ahead")
+    page.await_frame(begun + 1)
+    assert list(page.rows()) == ["TrackerHS 1"]
+    assert page.text("hint").endswith(f"at frame {begun}")
+
+
+@pytest.mark.browser
 def test_a_proposed_region_is_clicked_and_a_second_box_added(page: Page) -> None:
     """What moves is drawn dashed; a click inside follows it; the switch keeps it when another box is drawn."""
     page.drag_slider("scrub", 0.25)
@@ -484,7 +552,7 @@ def test_the_strip_leads_to_a_frame(page: Page) -> None:
 @pytest.mark.browser
 def test_the_first_mover_is_followed_on_the_page(page: Page) -> None:
     """Without any drag; the video goes on playing."""
-    page.click("first")
+    page.part("first").dblclick(timeout=PATIENCE)
     page.await_text("tracks", "TrackerHS 1")
     assert iou(_box(page.rows()["TrackerHS 1"][2]), _frames(COUNT)[1][page.frame]) > 0.4
 

@@ -6,7 +6,7 @@ import contextlib
 import csv
 import io
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from hs_tracker_cv.app import demo as demonstration
 from hs_tracker_cv.app.export import overlay_webm, panels_png, snippet, table_csv
 from hs_tracker_cv.app.pictures import LAYERS, TITLES
 from hs_tracker_cv.app.rivals import rivals
-from hs_tracker_cv.app.session import Session
+from hs_tracker_cv.app.session import Moment, Session
 from hs_tracker_cv.app.sources import CAMERA, DEMO, Sources
 from hs_tracker_cv.app.store import FrameStore
 from hs_tracker_cv.geometry import Box, iou
@@ -51,6 +51,18 @@ def session(square: tuple[Path, list[Box]]) -> Iterator[Session]:
     fresh.open("square.mkv")
     yield fresh
     fresh.close()
+
+
+def _now(session: Session) -> Moment:
+    """What a viewer of the page sees now."""
+    moment = session.current()
+    assert moment is not None
+    return moment
+
+
+def _forget(session: Session) -> None:
+    """Without objects, back at where the first was boxed: what the page does for "r"."""
+    session.go_to(session.forget())
 
 
 def _numbered(count: int, *, broken: bool = False, live: bool = False) -> VideoSource:
@@ -206,7 +218,7 @@ def test_an_object_outlives_its_trackers(session: Session, square: tuple[Path, l
     session.choose(["KCF"])
     session.go_to(session.index)
     assert [(track.name, track.start, track.head) for track in session.tracks] == [("KCF", 3, 6)]
-    session.forget()
+    _forget(session)
     assert session.index == 3
     session.choose(["TrackerHS"])
     assert session.tracks == []
@@ -294,7 +306,7 @@ def test_parameters_act_on_the_whole_track(session: Session, square: tuple[Path,
     session.set_parameters(TrackerHS_Params(mode="patch_tracker"))
     session.go_to(session.index)
     changed = table_csv(session.tracks[0])
-    session.forget()
+    _forget(session)
     assert session.tracks == []
     assert session.index == 0
     session.start(boxes[0])
@@ -309,16 +321,16 @@ def test_the_first_mover_is_followed(session: Session, square: tuple[Path, list[
     (track,) = session.tracks
     assert iou(track.roi, square[1][track.start]) > 0.5
     session.go_to(0)
-    session.forget()
+    _forget(session)
     session.go_to(COUNT - 1)
     assert not session.follow_first_mover(MoverFinder())
 
 
 def test_regions_are_proposed(session: Session, square: tuple[Path, list[Box]]) -> None:
     """None in the first frame, where there is no motion yet; then the mover."""
-    assert session.regions() == []
+    assert session.regions(_now(session)) == []
     session.go_to(3)
-    best = session.regions()[0]
+    best = session.regions(_now(session))[0]
     assert iou(best.box, square[1][3]) > 0.5
 
 
@@ -337,29 +349,29 @@ def test_the_way_may_be_cut_short(session: Session, square: tuple[Path, list[Box
 def test_panels_follow_frame_and_parameters(session: Session, square: tuple[Path, list[Box]]) -> None:
     """Each is a picture; λ changes the flow's and not the derivatives'."""
     names = list(TITLES)
-    assert session.panels(names, 200) == []
+    assert session.panels(_now(session), names, 200) == []
     session.start(square[1][0])
     session.go_to(4)
-    first = {panel.name: panel for panel in session.panels(names, 200)}
+    first = {panel.name: panel for panel in session.panels(_now(session), names, 200)}
     assert list(first) == names
     assert all(panel.picture.shape[1] == 200 for panel in first.values())
     assert "classic, λ 10, 100 iterations, whole frame" in first["arrows"].note
     session.stage_params = StageParams(smoothness=60.0)
-    second = {panel.name: panel for panel in session.panels(names, 200)}
+    second = {panel.name: panel for panel in session.panels(_now(session), names, 200)}
     changed = {name for name in names if not np.array_equal(first[name].picture, second[name].picture)}
     assert changed == {"arrows", "colours"}
     assert "λ 60" in second["arrows"].note
     session.go_to(3)
-    assert not np.array_equal(session.panels(["Ft"], 200)[0].picture, first["Ft"].picture)
+    assert not np.array_equal(session.panels(_now(session), ["Ft"], 200)[0].picture, first["Ft"].picture)
 
 
 def test_the_layers_are_those_of_the_frame_shown(session: Session, square: tuple[Path, list[Box]]) -> None:
     """They are kept for every frame of the track; where there is no track the panel says so."""
     session.start(square[1][0])
     session.go_to(9)
-    late = session.panels([LAYERS], 300)[0]
+    late = session.panels(_now(session), [LAYERS], 300)[0]
     session.go_to(4)
-    early = session.panels([LAYERS], 300)[0]
+    early = session.panels(_now(session), [LAYERS], 300)[0]
     assert late.note == early.note == ""
     assert not np.array_equal(late.picture, early.picture)
     silhouette = session.tracks[0].silhouette(4)
@@ -374,7 +386,7 @@ def test_the_layers_are_those_of_the_frame_shown(session: Session, square: tuple
     )
     assert iou(box, square[1][4]) > 0.7
     session.tracks = []
-    assert session.panels([LAYERS], 300)[0].note == "nothing is segmented in this frame"
+    assert session.panels(_now(session), [LAYERS], 300)[0].note == "nothing is segmented in this frame"
 
 
 def test_the_overlay_has_every_frame_of_the_tracks(
@@ -382,11 +394,11 @@ def test_the_overlay_has_every_frame_of_the_tracks(
 ) -> None:
     """And plays."""
     with pytest.raises(VideoError, match="nothing has been followed"):
-        overlay_webm(session)
+        overlay_webm(session, _now(session))
     session.go_to(2)
     session.start(square[1][2])
     session.go_to(9)
-    (tmp_path / "o.webm").write_bytes(overlay_webm(session))
+    (tmp_path / "o.webm").write_bytes(overlay_webm(session, _now(session)))
     frames = list(open_source(tmp_path / "o.webm").frames)
     assert len(frames) == 8
     assert frames[0].shape == session.frame.shape
@@ -396,11 +408,11 @@ def test_the_overlay_has_every_frame_of_the_tracks(
 def test_the_panels_are_a_png(session: Session) -> None:
     """Of all that are chosen; without any it is said why not."""
     with pytest.raises(VideoError, match="no panels"):
-        panels_png(session, ["Fx"])
+        panels_png(session, _now(session), ["Fx"])
     session.go_to(1)
     with pytest.raises(VideoError, match="no panels"):
-        panels_png(session, [])
-    png = panels_png(session, ["Fx", "arrows"])
+        panels_png(session, _now(session), [])
+    png = panels_png(session, _now(session), ["Fx", "arrows"])
     picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     assert picture.shape[1] == 2 * 480 + 3 * 10
@@ -436,6 +448,58 @@ def test_every_tracker_has_its_column_of_speed(session: Session, square: tuple[P
     np.testing.assert_allclose(speeds[2:], np.hypot(2, 1), atol=0.5)
 
 
+def test_a_box_holds_for_the_frame_in_which_it_was_drawn(session: Session, square: tuple[Path, list[Box]]) -> None:
+    """Though the session has gone on meanwhile; the track catches up with it."""
+    session.go_to(3)
+    seen = _now(session)
+    session.go_to(9)
+    session.start(square[1][3], seen=seen)
+    session.go_to(session.index)
+    (track,) = session.tracks
+    assert (track.start, track.head, session.index) == (3, 9, 9)
+    assert _now(session).tracks == [track]
+    assert seen.tracks == []
+
+
+def test_what_was_seen_of_another_video_is_refused(session: Session, square: tuple[Path, list[Box]]) -> None:
+    """A box, an export or a panel that comes late is not made from the frames of the video that is open by then."""
+    session.go_to(3)
+    session.start(square[1][3])
+    seen = _now(session)
+    session.open("square.mkv")
+    session.go_to(3)
+    late: list[Callable[[], Any]] = [
+        lambda: session.start(square[1][3], seen=seen),
+        lambda: session.regions(seen),
+        lambda: session.panels(seen, ["Fx"], 100),
+        lambda: panels_png(session, seen, ["Fx"]),
+        lambda: overlay_webm(session, seen),
+    ]
+    for act in late:
+        with pytest.raises(VideoError, match="square: is no longer open"):
+            act()
+    assert session.tracks == []
+    assert not session.shows(seen)
+    assert session.shows(_now(session))
+
+
+def test_parameters_that_are_refused_change_nothing(
+    session: Session, square: tuple[Path, list[Box]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither what is told nor what is followed with."""
+    session.start(square[1][0])
+    track = session.tracks[0]
+
+    def refuse(tracks: list[Any]) -> None:
+        raise InputError("no")
+
+    monkeypatch.setattr(session, "_restart", refuse)
+    with pytest.raises(InputError, match="no"):
+        session.set_parameters(TrackerHS_Params(mode="segmentation"))
+    assert session.parameters == TrackerHS_Params()
+    assert session.tracks == [track]
+
+
 def test_the_time_told_is_that_of_the_last_updates(session: Session, square: tuple[Path, list[Box]]) -> None:
     """Their median: one that waited for the machine does not count; where the box was drawn there is none."""
     session.start(square[1][0])
@@ -448,13 +512,11 @@ def test_the_time_told_is_that_of_the_last_updates(session: Session, square: tup
 def test_without_a_video_everything_says_so() -> None:
     """As one clear error."""
     empty = Session(Sources())
-    for act in (lambda: empty.go_to(1), lambda: overlay_webm(empty), lambda: empty.frame_at(0)):
-        with pytest.raises(VideoError):
-            act()
+    with pytest.raises(VideoError):
+        empty.go_to(1)
     with pytest.raises(InputError):
         empty.start(Box(0, 0, 20, 20))
-    assert empty.regions() == []
-    assert empty.panels(["Fx"], 100) == []
+    assert empty.current() is None
     empty.forget()
     empty.close()
     with pytest.raises(VideoError, match="has been closed"):
@@ -505,7 +567,7 @@ def test_the_demo_is_tracked() -> None:
     truth = Box(x - demonstration.RADIUS, y - demonstration.RADIUS, *demonstration.BOX[2:])
     assert iou(found.box, truth) > 0.9
     again = [frame for _, frame in zip(range(3), demonstration.demo().frames, strict=False)]
-    np.testing.assert_array_equal(again[2], session.frame_at(2))
+    np.testing.assert_array_equal(again[2], session.frame_at(2, _now(session)))
     session.close()
 
 

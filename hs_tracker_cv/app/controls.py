@@ -18,6 +18,7 @@ from .tracks import OURS
 
 if TYPE_CHECKING:
     from .page import Page
+    from .session import Moment
 
 __all__ = ["Controls"]
 
@@ -79,11 +80,22 @@ class Controls:
         names = [name for name, box in self._chosen.items() if box.value]
         if await self._page.change(self._session.choose, names):
             await self._page.catch_up()
+        else:
+            self._show_what_holds()
 
     async def _parameters(self) -> None:
         parameters = TrackerHS_Params(mode=self._mode.value, rotation=self._rotation.value)
         if await self._page.change(self._session.set_parameters, parameters):
             await self._page.catch_up()
+        else:
+            self._show_what_holds()
+
+    def _show_what_holds(self) -> None:
+        """After a change that was refused."""
+        for name, box in self._chosen.items():
+            box.set_value(name in self._session.names)
+        self._mode.set_value(self._session.parameters.mode)
+        self._rotation.set_value(self._session.parameters.rotation)
 
     def _method(self) -> None:
         params = self._session.stage_params
@@ -100,7 +112,7 @@ class Controls:
 
     def _as_in_the_paper(self) -> None:
         self._flow.set_value("classic")
-        self._use(StageParams())
+        self._set(StageParams())
 
     def _knob(self, field: str, title: str, least: float, most: float, step: float) -> None:
         value = getattr(self._session.stage_params, field)
@@ -117,18 +129,22 @@ class Controls:
 
     def _turn(self, field: str, value: Any) -> None:
         value = int(value) if field == "iterations" else float(value)
+        # The slider itself is left alone: under the mouse it may be further already.
         self._use(replace(self._session.stage_params, **{field: value}))
 
     def _preset(self) -> None:
         params = self._session.stage_params
-        self._use(StageParams.preset(self._flow.value, smoothing=params.smoothing, threshold=params.threshold))
+        self._set(StageParams.preset(self._flow.value, smoothing=params.smoothing, threshold=params.threshold))
+
+    def _set(self, params: StageParams) -> None:
+        for field, (slider, _) in self._knobs.items():
+            slider.set_value(getattr(params, field))
+        self._use(params)
 
     def _use(self, params: StageParams) -> None:
         self._session.stage_params = params
-        for field, (slider, label) in self._knobs.items():
-            value = getattr(params, field)
-            slider.set_value(value)
-            label.set_text(f"{value:g}")
+        for field, (_, label) in self._knobs.items():
+            label.set_text(f"{getattr(params, field):g}")
         self._page.grid.refresh()
 
     def _export(self) -> None:
@@ -143,38 +159,51 @@ class Controls:
                 word = name.split(",")[0].lower()
                 ui.button(name, icon=icon, on_click=act).props(f"outline dense no-caps data-part=save-{word}")
 
-    @property
-    def _stem(self) -> str:
-        return self._session.store.name if self._session.opened else "hs-track"
+    def _seen(self) -> Moment | None:
+        """What the viewer sees now, which is what is taken away; told where there is nothing."""
+        if self._page.shown is None:
+            self._page.complain(VideoError("there is no video yet: open one first"))
+            return None
+        return self._page.shown.moment
 
     def _save_tables(self) -> None:
         """One file per track; the first is named as hs-track does."""
-        if not self._session.tracks:
+        seen = self._seen()
+        if seen is None:
+            return
+        if not seen.tracks:
             self._page.complain(VideoError("nothing has been followed yet: drag a box first"))
-        for number, track in enumerate(self._session.tracks):
+        for number, track in enumerate(seen.tracks):
             suffix = "hs" if number == 0 and track.name == OURS else track.label.replace(" ", ".")
-            ui.download.content(table_csv(track), f"{self._stem}.{suffix}.csv", "text/csv")
+            ui.download.content(table_csv(track), f"{seen.store.name}.{suffix}.csv", "text/csv")
 
     async def _save_overlay(self) -> None:
-        video = await self._page.do(overlay_webm, self._session)
+        seen = self._seen()
+        if seen is None:
+            return
+        video = await self._page.do(overlay_webm, self._session, seen)
         if isinstance(video, bytes):
-            ui.download.content(video, f"{self._stem}.hs.webm", "video/webm")
+            ui.download.content(video, f"{seen.store.name}.hs.webm", "video/webm")
 
     async def _save_panels(self) -> None:
-        picture = await self._page.do(panels_png, self._session, self._page.grid.names)
+        seen = self._seen()
+        if seen is None:
+            return
+        picture = await self._page.do(panels_png, self._session, seen, self._page.grid.names)
         if isinstance(picture, bytes):
-            ui.download.content(picture, f"{self._stem}.{self._session.index:06d}.panels.png", "image/png")
+            ui.download.content(picture, f"{seen.store.name}.{seen.index:06d}.panels.png", "image/png")
 
     def _show_program(self) -> None:
-        if not self._session.opened:
-            self._page.complain(VideoError("there is no video yet: open one first"))
+        seen = self._seen()
+        if seen is None:
             return
         code = snippet(self._session, str(self._page.name.value))
         with ui.dialog() as dialog, ui.card().style("width: 100%; max-width: 48rem"):
             ui.label("The same boxes and stages in Python").classes("hs-heading")
             ui.code(code, language="python").style("width: 100%").props("data-part=program")
             with ui.element("div").classes("hs-row"):
-                ui.button("Save", on_click=lambda: ui.download.content(code, f"{self._stem}.py", "text/x-python"))
+                name = f"{seen.store.name}.py"
+                ui.button("Save", on_click=lambda: ui.download.content(code, name, "text/x-python"))
                 ui.button("Close", on_click=dialog.close).props("flat")
         dialog.on("hide", dialog.delete)
         dialog.open()

@@ -15,7 +15,7 @@ from ..params import TrackerHS_Params
 from ..stages import StageParams
 from ..video import VideoError, VideoSink
 from .pictures import draw_tracks
-from .session import Session
+from .session import Moment, Session
 from .tracks import OURS, Track
 
 __all__ = ["overlay_webm", "panels_png", "snippet", "table_csv"]
@@ -33,41 +33,49 @@ def table_csv(track: Track) -> str:
     return table.getvalue()
 
 
-def overlay_webm(session: Session) -> bytes:
+def overlay_webm(session: Session, seen: Moment) -> bytes:
     """All frames that a track has seen, with every box drawn on them.
+
+    Parameters
+    ----------
+    session : Session
+    seen : Moment
+        Whose tracks are drawn.
 
     Raises
     ------
     VideoError
-        If there is no track, or a frame cannot be had any more.
+        If there is no track, a frame cannot be had any more, or another video has been opened.
     """
-    tracks = list(session.tracks)
+    tracks = seen.tracks
     if not tracks:
         raise VideoError("nothing has been followed yet")
     first, last = min(track.start for track in tracks), max(track.head for track in tracks)
     with tempfile.TemporaryDirectory(prefix="hs-track-") as folder:
         path = Path(folder) / "overlay.webm"
-        with VideoSink(path, session.store.fps) as sink:
+        with VideoSink(path, seen.store.fps) as sink:
             for index in range(first, last + 1):
-                sink.write(draw_tracks(session.frame_at(index), tracks, index))
+                sink.write(draw_tracks(session.frame_at(index, seen), tracks, index))
         return path.read_bytes()
 
 
-def panels_png(session: Session, names: list[str]) -> bytes:
-    """Panels of the current frame in a grid, with their titles and notes.
+def panels_png(session: Session, seen: Moment, names: list[str]) -> bytes:
+    """Panels of a frame in a grid, with their titles and notes.
 
     Parameters
     ----------
     session : Session
+    seen : Moment
+        Whose frame is drawn.
     names : list of str
         As for ``Session.panels``.
 
     Raises
     ------
     VideoError
-        If there is none: in the first frame, or when none is chosen.
+        If there is none: in the first frame, or when none is chosen; or if another video has been opened.
     """
-    panels = session.panels(names, PANEL_WIDTH) if session.opened else []
+    panels = session.panels(seen, names, PANEL_WIDTH)
     if not panels:
         raise VideoError("there are no panels to save: choose some, and go to a frame behind the first")
     tiles = tile_panels([(panel.title, panel.note, panel.picture) for panel in panels])

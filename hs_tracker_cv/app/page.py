@@ -22,7 +22,7 @@ from .controls import Controls
 from .panels import WATCH, PanelGrid
 from .picker import BoxPicker
 from .pictures import colour, draw_tracks, picture_url
-from .session import Session
+from .session import Moment, Session
 from .sources import VIDEO_SUFFIXES, Sources
 from .stream import SCRIPT, Stream
 from .strip import strip_svg
@@ -38,6 +38,8 @@ SLICE = 0.1
 """Seconds of work after which the page shows how far it is."""
 TELL_SECONDS = 0.2
 """How often numbers and curves are told while the video plays: each time costs the browser as much as a picture."""
+DRAG = "Drag a box round an object, at any frame."
+WAITING = "waiting for something that moves"
 SPEEDS = {0.25: "¼ ×", 0.5: "½ ×", 1: "1 ×", 2: "2 ×", 4: "4 ×"}
 
 
@@ -64,7 +66,8 @@ class Shown:
 
     Parameters
     ----------
-    index : int
+    moment : Moment
+        What it is a picture of.
     url : str
         The picture, encoded.
     size : tuple of int
@@ -75,11 +78,16 @@ class Shown:
         What the trackers say of it, as rows of a table.
     """
 
-    index: int
+    moment: Moment
     url: str
     size: tuple[int, int]
     scale: float
     rows: str
+
+    @property
+    def index(self) -> int:
+        """Number of the frame."""
+        return self.moment.index
 
 
 class Page:
@@ -89,8 +97,9 @@ class Page:
         self.session = session
         self.goal: int | None = None
         self.asked = 0
-        self.pursuing = False
+        self.moving = asyncio.Lock()
         self.turn = asyncio.Lock()
+        self.finder: MoverFinder | None = None
         self.playing = False
         self.left = False
         self.due = 0.0
@@ -114,7 +123,7 @@ class Page:
         self.client.on_delete(self._leave)
         if opens:
             # A timer starts when the page is seen: a request alone opens no video.
-            ui.timer(0.0, lambda: self.open(self.session.sources.names[0]), once=True)
+            ui.timer(0.0, lambda: self.name.set_value(self.session.sources.names[0]), once=True)
 
     # Layout
 
@@ -140,7 +149,7 @@ class Page:
             ).tooltip("Light or dark")
 
     def _view(self) -> None:
-        self.picker = BoxPicker(self._boxed, self._clicked, lambda: self._play(False))
+        self.picker = BoxPicker(self._boxed, self._clicked, self._halt)
         self.picker.element.props("data-part=frame").classes("hs-frame")
         self.stream = Stream(self.picker.element)
         self.hint = ui.label("Open a video, or choose the demo above.").classes("hs-hint").props("data-part=hint")
@@ -172,7 +181,7 @@ class Page:
         self.strip = ui.html("", sanitize=False).classes("hs-strip").props("data-part=strip")
         self.strip.on(
             "click",
-            lambda event: self.seek(round(event.args * self._count() - 0.5)),
+            self._point,
             js_handler="""(e) => {
                 const place = e.currentTarget.querySelector("svg").getBoundingClientRect();
                 emit((e.clientX - place.left) / place.width);
@@ -204,14 +213,14 @@ class Page:
 
     async def open(self, name: str) -> None:
         """Open a source by its name and show its first frame."""
-        self._play(False)
-        self.goal = None
-        if self.name.value != name:
-            self.name.set_value(name)  # which comes back here
-            return
+        self._halt()
         self.picker.clear()
-        opened = await self.change(self.session.open, name)
-        self.hint.set_text("Drag a box round an object, at any frame." if opened else "Open another video.")
+        self.hint.set_text(f"Opening {name} …")
+        async with self.turn:
+            opened = await self.do(self.session.open, name) if name == self.name.value else None
+        if name != self.name.value:
+            return  # another was asked for meanwhile
+        self.hint.set_text(DRAG if opened else "Open another video.")
         if opened:
             await self.pursue(0)
         else:
@@ -229,35 +238,52 @@ class Page:
 
     async def _step(self, by: int) -> None:
         self._play(False)
-        await self.pursue((self.goal if self.goal is not None else self.session.index) + by)
+        await self.pursue(self._aim() + by)
+
+    def _aim(self) -> int:
+        """The frame that it goes to, or is at."""
+        return self.goal if self.goal is not None else self.session.index
 
     def seek(self, index: int) -> None:
         """Go to a frame, showing the way."""
         self._play(False)
         background_tasks.create(self.pursue(index), name="seek")
 
+    def _point(self, event: events.GenericEventArguments) -> None:
+        """Go to a place in the strip, a share of its width."""
+        if self.shown is not None:
+            self.seek(round(event.args * self.shown.moment.count - 0.5))
+
     async def _toggle(self) -> None:
         playing = not self.playing and self.session.opened
-        if playing and self.session.store.ended and self.session.index >= self._count() - 1:
-            await self.pursue(0)  # at the end it plays from the beginning
         self._play(playing)
+        seen = self.shown.moment if self.shown is not None else None
+        if playing and seen is not None and seen.store.ended and self._aim() >= seen.count - 1:
+            await self.pursue(0)  # at the end it plays from the beginning
+
+    def _halt(self) -> None:
+        """Pause, and stay here even if it was going to another frame."""
+        self._play(False)
+        self.goal = None
 
     def _play(self, playing: bool) -> None:
+        """Play or pause; a search for the first mover ends."""
+        self.finder = None
         paused = self.playing and not playing
         self.playing = playing
         self.stream.begin()
         self.play_button.props(f"icon={'pause' if playing else 'play_arrow'}")
         if hasattr(self, "timer"):
             self.timer.active = playing
-        if paused and not self.pursuing and self.shown is not None:
+        if paused and not self.moving.locked() and self.shown is not None:
             # What was left out while it played.
             self._tell(self.shown)
             self.grid.refresh()
 
     async def _tick(self) -> None:
-        if self.pursuing or not self.playing:
+        if self.moving.locked() or not self.playing or self.shown is None:
             return
-        rate = self.session.store.fps * float(self.speed.value)
+        rate = self.shown.moment.store.fps * float(self.speed.value)
         stride = max(round(rate / FASTEST), 1)
         # By the clock: a frame that came late does not put off those behind it.
         now = time.monotonic()
@@ -269,8 +295,8 @@ class Page:
             self._play(False)
 
     async def catch_up(self) -> None:
-        """Let tracks that are behind come to the current frame."""
-        await self.pursue(self.session.index)
+        """Let tracks that are behind come to the current frame, or to the one that it goes to."""
+        await self.pursue(self._aim())
 
     async def pursue(self, goal: int) -> None:
         """Go to a frame and show what is on the way; the last goal given counts."""
@@ -278,53 +304,52 @@ class Page:
             return
         self.goal = max(goal, 0)
         self.asked += 1
-        if self.pursuing:
+        if self.moving.locked():
             return
-        self.pursuing = True
-        try:
-            while self.goal is not None and not self.left:
-                asked = self.asked
-                advanced = await self.do(self._advance, self.goal)
-                # After an error it stays at the last frame before.
-                arrived, shown = advanced or (True, await run.io_bound(self._render))
-                if shown is None or self.left:
-                    return
-                await self._show(shown)
-                # The same frame may have been asked for again meanwhile, for tracks that are new.
-                if arrived and self.asked == asked:
-                    self.goal = None
-        finally:
-            self.pursuing = False
-            self.goal = None
+        async with self.moving:
+            try:
+                while self.goal is not None and not self.left:
+                    asked = self.asked
+                    advanced = await self.do(self._advance, self.goal)
+                    # After an error it stays at the last frame before.
+                    arrived, shown = advanced or (True, await run.io_bound(self._render))
+                    if shown is not None and not self.left:
+                        await self._show(shown)
+                    # The same frame may have been asked for again meanwhile, for tracks that are new.
+                    if arrived and self.asked == asked:
+                        self.goal = None
+            finally:
+                self.goal = None
         self.grid.refresh()
 
     def _advance(self, goal: int) -> tuple[bool, Shown | None]:
-        return self.session.go_to(goal, SLICE), self._render()
+        # While another source is being opened there is none, and no frame to go to.
+        return not self.session.opened or self.session.go_to(goal, SLICE), self._render()
 
     def _render(self) -> Shown | None:
         """Draw and encode the current frame; in a thread of its own."""
-        index, frame, tracks = self.session.current()
-        if frame is None:
+        moment = self.session.current()
+        if moment is None:
             return None
-        picture = draw_tracks(frame, tracks, index)
+        picture = draw_tracks(moment.frame, moment.tracks, moment.index)
         height, width = picture.shape[:2]
         scale = min(LARGEST / width, 1.0)
         if scale < 1.0:
             size = (LARGEST, round(height * scale))
             picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
-        return Shown(index, picture_url(picture), (width, height), scale, _rows(tracks, index))
-
-    def _count(self) -> int:
-        count = self.session.store.count if self.session.opened else None
-        return max(count or 0, self.session.index + 1, 1)
+        return Shown(moment, picture_url(picture), (width, height), scale, _rows(moment.tracks, moment.index))
 
     async def _show(self, shown: Shown) -> None:
+        if not self.session.shows(shown.moment):
+            return  # another source was opened while it was drawn
         # What is proposed holds for its frame; a box that is being drawn is not taken away.
         if (self.shown is None or shown.index != self.shown.index) and not self.picker.dragging:
             self.picker.clear()
         self.shown = shown
         if self.playing:
             await self.stream.send(shown.url)
+        else:
+            await self.stream.settle()
         if not self.playing or time.monotonic() - self.told_at > TELL_SECONDS:
             self._tell(shown)
 
@@ -333,26 +358,27 @@ class Page:
         self.told_at = time.monotonic()
         if not self.playing:
             self.picker.show_url(shown.url, shown.size, shown.scale)
-        self.slider.props(f"max={max(self._count() - 1, 1)}")
+        store, total = shown.moment.store, shown.moment.count
+        self.slider.props(f"max={max(total - 1, 1)}")
         self.slider.set_value(shown.index)
         self.table.set_content(shown.rows)
-        store = self.session.store
         count = f"of {store.count}" if store.count is not None else "(live)"
         words = f"frame {shown.index} {count} · {shown.size[0]} × {shown.size[1]} px · {store.fps:g} frames/s"
         if self.playing and (rate := self.stream.rate):
             words += f" · shown {rate:.0f}/s"
         self.facts.set_text(words)
-        self.strip.set_content(strip_svg(self.session.tracks, shown.index, self._count()))
+        self.strip.set_content(strip_svg(shown.moment.tracks, shown.index, total))
 
     # Objects
 
     async def _boxed(self, box: Box) -> None:
-        if not self.session.opened:
+        if self.shown is None:
             return
-        self._play(False)
-        whole = Box(*box.rounded())
-        if await self.change(partial(self.session.start, whole, add=self.controls.several.value)):
-            self.hint.set_text(f"box {', '.join(f'{side:g}' for side in whole)} at frame {self.session.index}")
+        self._halt()
+        whole, seen = Box(*box.rounded()), self.shown.moment
+        if await self.change(partial(self.session.start, whole, add=self.controls.several.value, seen=seen)):
+            idle = "" if self.session.names else ": choose a tracker to follow it"
+            self.hint.set_text(f"box {', '.join(f'{side:g}' for side in whole)} at frame {seen.index}{idle}")
             self.picker.clear()
             await self.catch_up()
 
@@ -365,40 +391,53 @@ class Page:
 
     async def propose(self) -> None:
         """Draw what moves in this frame, to be clicked."""
-        if not self.session.opened:
+        if self.shown is None:
             return
-        self._play(False)
-        regions = await self.do(self.session.regions)
-        if regions is not None:
+        self._halt()
+        seen = self.shown.moment
+        regions = await self.do(self.session.regions, seen)
+        if regions is not None and self.shown is not None and self.shown.moment is seen:
             self.picker.propose([region.box for region in regions])
-            few = "nothing moves here" if self.session.index else "there is no motion in the first frame: go on first"
+            few = "nothing moves here" if seen.index else "there is no motion in the first frame: go on first"
             self.hint.set_text("Click a dashed box to follow it." if regions else few)
 
     async def follow_first(self) -> None:
-        """Go on until something moves and follow that."""
+        """Go on until something moves and follow that; whatever else is asked for meanwhile ends it."""
         if not self.session.opened:
             return
-        self._play(False)
-        found, finder = False, MoverFinder()
-        while not found and not self.left:
+        self._halt()
+        finder = self.finder = MoverFinder()
+        async with self.moving:
+            found = await self._search(finder)
+        if self.finder is finder or self.goal is not None:
+            await self.catch_up()
+        if self.finder is finder:
+            self.hint.set_text("" if found else "nothing has moved up to the end")
+            self._play(found)
+        elif self.hint.text == WAITING:
+            self.hint.set_text(DRAG)
+
+    async def _search(self, finder: MoverFinder) -> bool:
+        """Show the way to the first mover; whether there is one."""
+        self.hint.set_text(WAITING)
+        found, before = False, -1
+        while not found and self.finder is finder and self.session.index != before and not self.left:
             before = self.session.index
             found = bool(await self.do(self.session.follow_first_mover, finder, SLICE))
             shown = await run.io_bound(self._render)
             if shown is not None:
                 await self._show(shown)
-            if self.session.index == before:
-                break
-        self.hint.set_text("" if found else "nothing has moved up to the end")
-        await self.catch_up()
-        self._play(found)
+        return found
 
     async def forget(self) -> None:
         """Take all boxes away and go back to where the first was drawn."""
-        self._play(False)
-        if self.session.opened and await self.change(self.session.forget):
-            self.hint.set_text("Drag a box round an object, at any frame.")
-            self.picker.clear()
-            await self.catch_up()
+        self._halt()
+        if not self.session.opened:
+            return
+        start = await self.change(self.session.forget)
+        self.hint.set_text(DRAG)
+        self.picker.clear()
+        await self.pursue(start)
 
     # Keys, errors, end
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from nicegui import background_tasks, events, ui
 
+from ..video import VideoError
 from .pictures import TITLES, picture_url
 from .style import LET_GO
 
@@ -111,5 +112,14 @@ class PanelGrid:
 
     def _panels(self, names: list[str]) -> dict[str, tuple[str, str]]:
         """Of each panel: picture and note; of none in the first frame."""
-        panels = self._page.session.panels(names, WIDTH) if names and self._page.session.opened else []
+        session = self._page.session
+        seen = session.current()
+        if seen is None or not names:
+            return {}
+        try:
+            panels = session.panels(seen, names, WIDTH)
+        except VideoError:
+            if session.shows(seen):
+                raise
+            return {}  # another video is being opened, and asks for its own
         return {panel.name: (picture_url(panel.picture), panel.note) for panel in panels}

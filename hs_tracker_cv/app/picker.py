@@ -12,6 +12,8 @@ from .pictures import picture_url
 
 __all__ = ["BoxPicker"]
 
+PRIMARY = 0
+"""Number of the button that draws; the others have the browser's menus."""
 COMFORTABLE = 640
 """Width, screen px, up to which a small image is enlarged."""
 STYLE = 'fill="rgba(90,190,210,0.15)" stroke="#5abed2" stroke-width="2" vector-effect="non-scaling-stroke"'
@@ -97,6 +99,8 @@ class BoxPicker:
         x, y = event.image_x / self._scale, event.image_y / self._scale
         here = (min(max(x, 0.0), self._size[0]), min(max(y, 0.0), self._size[1]))
         if event.type == "pointerdown":
+            if event.button != PRIMARY:
+                return None
             self._start = self._last = here
             if self._on_press is not None:
                 self._on_press()

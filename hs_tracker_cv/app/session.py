@@ -10,6 +10,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
 
 import cv2
@@ -27,7 +28,7 @@ from .sources import Sources
 from .store import FrameStore
 from .tracks import OURS, Track
 
-__all__ = ["Session"]
+__all__ = ["Moment", "Session"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -42,6 +43,32 @@ def _alone(method: Callable[P, R]) -> Callable[P, R]:
             return method(*args, **kwargs)
 
     return waiting
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Where a session was at one moment: what a viewer sees, while the session may have gone on.
+
+    Parameters
+    ----------
+    store : FrameStore
+        The video.
+    index : int
+        Number of the frame.
+    frame : ndarray
+    tracks : list of Track
+        Those there were; they may be ahead.
+    """
+
+    store: FrameStore
+    index: int
+    frame: Any
+    tracks: list[Track]
+
+    @property
+    def count(self) -> int:
+        """Number of frames, as far as it is known; at least 1."""
+        return max(self.store.count or 0, self.index + 1)
 
 
 class Session:
@@ -82,7 +109,7 @@ class Session:
         self.stage_params = StageParams()
         self._store: FrameStore | None = None
         self._method = PaperMethod(self.stage_params)
-        self._stages: tuple[int, StageParams, FrameStore | None, Stages] | None = None
+        self._stages: tuple[int, StageParams, FrameStore, Stages] | None = None
         self._lock = threading.RLock()
         self._panel_lock = threading.Lock()
         self._closed = False
@@ -182,16 +209,25 @@ class Session:
         return [track for track in self.tracks if not track.failure and track.head < target]
 
     @_alone
-    def frame_at(self, index: int) -> Any:
-        """Return any frame, without going there; raises VideoError where it cannot be had."""
+    def frame_at(self, index: int, seen: Moment) -> Any:
+        """Return any frame of a video that was seen, without going there; VideoError where it cannot be had."""
+        self._require(seen)
         frame = self.store.get(index)
         if frame is None:
             raise VideoError(f"{self.store.name}: there is no frame {index}")
         return frame
 
+    def shows(self, seen: Moment) -> bool:
+        """Whether what was seen is of the video that is open now."""
+        return seen.store is self._store
+
+    def _require(self, seen: Moment) -> None:
+        if not self.shows(seen):
+            raise VideoError(f"{seen.store.name}: is no longer open")
+
     @_alone
-    def start(self, box: Box, *, add: bool = False) -> None:
-        """Follow the object in a box of the current frame.
+    def start(self, box: Box, *, add: bool = False, seen: Moment | None = None) -> None:
+        """Follow the object in a box of a frame; `go_to` catches up from there.
 
         Parameters
         ----------
@@ -199,18 +235,27 @@ class Session:
             px; what lies outside the frame is cut off.
         add : bool
             Keep the objects that are followed already.
+        seen : Moment, optional
+            When the box was drawn; now by default.
 
         Raises
         ------
         InputError
             If the box is too small or outside; the tracks stay as they were.
+        VideoError
+            If the video that was seen is no longer open.
         """
-        as_roi(box, as_frame(self.frame))
+        if seen is None:
+            index, frame = self.index, self.frame
+        else:
+            self._require(seen)
+            index, frame = seen.index, seen.frame
+        as_roi(box, as_frame(frame))
         kept, objects = (self.tracks, self._objects) if add else ([], {})
         number = max(objects, default=0) + 1
-        fresh = [self._track(name, number, box, self.index) for name in self.names]
-        self._first_steps(fresh, self.frame)
-        self.tracks, self._objects = [*kept, *fresh], {**objects, number: (box, self.index)}
+        fresh = [self._track(name, number, box, index) for name in self.names]
+        self._first_steps(fresh, frame)
+        self.tracks, self._objects = [*kept, *fresh], {**objects, number: (box, index)}
 
     def _track(self, name: str, number: int, box: Box, start: int) -> Track:
         try:
@@ -256,14 +301,16 @@ class Session:
 
         Raises
         ------
-        VideoError
-            If the first frame of a track cannot be had any more; nothing changes.
+        VideoError, InputError
+            If the first frame of a track cannot be had or used any more; nothing changes.
         """
+        if parameters == self.parameters:
+            return
         before, self.parameters = self.parameters, parameters
         anew = {id(track): self._track(OURS, track.number, track.roi, track.start) for track in self._ours()}
         try:
             self._restart(list(anew.values()))
-        except VideoError:
+        except (VideoError, InputError):
             self.parameters = before
             raise
         self.tracks = [anew.get(id(track), track) for track in self.tracks]
@@ -276,12 +323,11 @@ class Session:
         return [track for track in self.tracks if track.name == OURS]
 
     @_alone
-    def forget(self) -> None:
-        """Go back to where the first track began, without tracks."""
+    def forget(self) -> int:
+        """Take all objects away, and return where the first was boxed; the current frame if there was none."""
         start = min((start for _, start in self._objects.values()), default=self.index)
         self.tracks, self._objects = [], {}
-        if self.opened:
-            self.go_to(start)
+        return start
 
     @_alone
     def follow_first_mover(self, finder: MoverFinder, seconds: float = math.inf) -> bool:
@@ -317,44 +363,48 @@ class Session:
                 return False
 
     @_alone
-    def current(self) -> tuple[int, Any, list[Track]]:
-        """Number of the current frame, the frame, and the tracks: of one moment."""
-        return self.index, self.frame, self.tracks
+    def current(self) -> Moment | None:
+        """Where it is now; None without a source."""
+        return Moment(self._store, self.index, self.frame, self.tracks) if self._store is not None else None
 
-    @_alone
-    def regions(self) -> list[Region]:
-        """What moves between the frame before and the current one, the largest first."""
-        before = self._before()
-        return MotionDetector().detect(before, self.frame) if before is not None else []
+    def regions(self, seen: Moment) -> list[Region]:
+        """What moves between the frame before and the one seen, the largest first; raises as `frame_at`."""
+        before = self._before(seen)
+        return MotionDetector().detect(before, seen.frame) if before is not None else []
 
-    def panels(self, names: list[str], width: int) -> list[Panel]:
-        """Draw panels of the current frame; in the first frame there is nothing to draw.
+    def panels(self, seen: Moment, names: list[str], width: int) -> list[Panel]:
+        """Draw panels of a frame that was seen; in the first frame there is nothing to draw.
 
         Meanwhile the session can go on to other frames.
 
         Parameters
         ----------
+        seen : Moment
         names : list of str
             Of display.PANELS, or LAYERS.
         width : int
             Of a picture, px.
+
+        Raises
+        ------
+        VideoError
+            As `frame_at`.
         """
         with self._panel_lock:
-            with self._lock:
-                index, before, frame, params = self.index, self._before(), self.frame, self.stage_params
-                silhouettes = [track.silhouette(index) for track in self._ours()]
+            before, params = self._before(seen), self.stage_params
             if before is None:
                 return []
-            stages = self._stages_of(index, before, frame, params)
+            stages = self._stages_of(seen, before, params)
+            silhouettes = (track.silhouette(seen.index) for track in seen.tracks if track.name == OURS)
             silhouette = next((found for found in silhouettes if found is not None), None)
-            return [draw(name, stages, frame, silhouette, width) for name in names]
+            return [draw(name, stages, seen.frame, silhouette, width) for name in names]
 
-    def _stages_of(self, index: int, before: Any, frame: Any, params: StageParams) -> Stages:
+    def _stages_of(self, seen: Moment, before: Any, params: StageParams) -> Stages:
         if self._method.params != params:
             self._method = PaperMethod(params)
-        if self._stages is None or self._stages[:3] != (index, params, self._store):
-            self._stages = (index, params, self._store, self._method.calc(before, frame))
+        if self._stages is None or self._stages[:3] != (seen.index, params, seen.store):
+            self._stages = (seen.index, params, seen.store, self._method.calc(before, seen.frame))
         return self._stages[3]
 
-    def _before(self) -> Any:
-        return self.store.get(self.index - 1) if self.index > 0 else None
+    def _before(self, seen: Moment) -> Any:
+        return self.frame_at(seen.index - 1, seen) if seen.index > 0 else None

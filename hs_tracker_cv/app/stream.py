@@ -54,6 +54,11 @@ class Stream:
         self._under_way.add(task)
         task.add_done_callback(self._under_way.discard)
 
+    async def settle(self) -> None:
+        """Wait until nothing is under way: it would come after, and on top of, what is shown otherwise."""
+        if self._under_way:
+            await asyncio.wait(self._under_way)
+
     async def _shown(self, url: str) -> None:
         with contextlib.suppress(TimeoutError):
             code = f'hsShow({self._image.id}, "{url}")'
