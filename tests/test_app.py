@@ -29,6 +29,8 @@ from hs_tracker_cv import app
 from hs_tracker_cv.geometry import Box, iou
 from hs_tracker_cv.video import VideoError, VideoSink, open_source
 
+pytestmark = pytest.mark.once
+
 CHROMIUM = shutil.which("chromium") or "/usr/bin/chromium"
 FLAGS = [
     "--no-sandbox",

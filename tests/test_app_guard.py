@@ -28,6 +28,8 @@ from websockets.sync.client import connect
 
 from hs_tracker_cv.app.sources import CAMERA, DEMO, Sources
 
+pytestmark = pytest.mark.once
+
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 PATHS = (
     "/",

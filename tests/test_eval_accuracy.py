@@ -34,6 +34,8 @@ from eval.speed import measure_speed
 from eval.statistics import score_answers
 from eval.trackers import DEFAULT_TRACKERS, TRACKERS, TrackerSpec, code_version, find_tracker
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).resolve().parents[1]
 COUNT = 6
 
@@ -561,21 +563,6 @@ def test_scores_are_recorded_and_minus_one_is_none(bad: Callable[..., TrackerSpe
     """``getTrackingScore`` is kept per frame; OpenCV's −1 means that there is no score."""
     score = run_one(Job(bad("Scoring"), sequence)).trajectory.score
     np.testing.assert_array_equal(score, [np.nan, 0.25, np.nan, 0.75, 1.0, 1.25])
-
-
-@pytest.mark.parametrize("name", ["KCF", "KCF-primed", "MOSSE", "CSRT"])
-def test_cv2_trackers_run_on_gray_frames(name: str, tmp_path: Path) -> None:
-    """Gray sequences go through with every tracker of cv2."""
-    ground = cv2.GaussianBlur(np.random.default_rng(3).uniform(0, 255, (96, 128)), (0, 0), 2.0)
-    frames = np.stack([np.roll(ground, 2 * index, axis=1) for index in range(4)])
-    frames = cv2.normalize(frames, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
-    np.save(tmp_path / "gray.npy", frames)
-    from eval.framesource import FrameSource
-
-    boxes = np.array([[40.0 + 2 * index, 30, 32, 32] for index in range(4)])
-    source = FrameSource((str(tmp_path / "gray.npy"),), "array", 4)
-    gray = Sequence("gray", source, boxes, np.ones(4), (), (128, 96), "x")
-    assert run_one(Job(TRACKERS[name], gray)).status == COMPLETED
 
 
 def test_the_oracle_scores_one_and_the_static_box_its_closed_form(sequence: Sequence) -> None:

@@ -11,13 +11,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from eval.accuracy import Job, run_one
 from eval.baselines.background_model import BackgroundModel
 from eval.baselines.frame_differencing import FrameDifferencing
 from eval.baselines.opencv import KCF, PrimedKCF
 from eval.baselines.regions import noise_threshold
 from eval.baselines.template_matching import TemplateMatching
+from eval.framesource import FrameSource
 from eval.metrics import iou_per_frame
-from eval.trackers import DEFAULT_TRACKERS, code_version, find_tracker
+from eval.results import COMPLETED
+from eval.sequences import Sequence
+from eval.trackers import DEFAULT_TRACKERS, TRACKERS, code_version, find_tracker
 from eval.worker import resolve
 
 SIZE = (200, 150)
@@ -255,3 +259,16 @@ def test_tracker_nano_follows_a_square(real: Path, rng: np.random.Generator) -> 
         else:
             _, box = tracker.update(frame)
     assert abs(box[0] + box[2] / 2 - 147) < 8
+
+
+@pytest.mark.parametrize("name", ["KCF", "KCF-primed", "MOSSE", "CSRT"])
+def test_cv2_trackers_run_on_gray_frames(name: str, tmp_path: Path) -> None:
+    """Gray sequences go through with every tracker of cv2."""
+    ground = cv2.GaussianBlur(np.random.default_rng(3).uniform(0, 255, (96, 128)), (0, 0), 2.0)
+    frames = np.stack([np.roll(ground, 2 * index, axis=1) for index in range(4)])
+    frames = cv2.normalize(frames, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    np.save(tmp_path / "gray.npy", frames)
+    boxes = np.array([[40.0 + 2 * index, 30, 32, 32] for index in range(4)])
+    source = FrameSource((str(tmp_path / "gray.npy"),), "array", 4)
+    gray = Sequence("gray", source, boxes, np.ones(4), (), (128, 96), "x")
+    assert run_one(Job(TRACKERS[name], gray)).status == COMPLETED
