@@ -6,6 +6,10 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+# Before NumPy is loaded, and for processes that tests start: threads of OpenBLAS wait awake for each other, and two
+# test processes on two cores would need three times the processor for the same small matrices.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import cv2
 import numpy as np
 import pytest

@@ -121,7 +121,7 @@ def test_the_number_of_threads_does_not_matter() -> None:
     "environment",
     [
         pytest.param({"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}, id="one-thread"),
-        pytest.param({"OMP_NUM_THREADS": "2", "PYTHONHASHSEED": "7"}, id="two-threads"),
+        pytest.param({"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "PYTHONHASHSEED": "7"}, id="two-threads"),
     ],
 )
 def test_another_process_gives_the_same_boxes(environment: dict[str, str]) -> None:

@@ -398,7 +398,15 @@ STRUCTS: dict[str, dict[str, Struct]] = {
 }  # fmt: skip
 
 
-NAMES = [function.__name__ for function in valid()]
+VALID = {function.__name__: arguments for function, arguments in valid().items()}
+NAMES = list(VALID)
+
+
+def fresh(name: str) -> Arguments:
+    """Valid arguments of a kernel, in arrays of their own."""
+    return {key: value.copy() if isinstance(value, np.ndarray) else value for key, value in VALID[name].items()}
+
+
 OPTIONAL = {"before", "hiding", "foreign", "foreign_out", "shown"}
 RESULTS = {
     "spread": {"out"},
@@ -425,7 +433,7 @@ def run(name: str, given: Arguments) -> Any:
 
 def call(name: str, **changes: Any) -> Any:
     """Call a kernel with valid arguments but for some."""
-    return run(name, {**valid()[getattr(segmentation, name)], **changes})
+    return run(name, {**fresh(name), **changes})
 
 
 def called(name: str, key: str) -> str:
@@ -439,7 +447,7 @@ def called(name: str, key: str) -> str:
 
 def arrays(name: str) -> Iterator[tuple[str, np.ndarray, bool]]:
     """Array arguments of a kernel, and whether they are written."""
-    for key, value in valid()[getattr(segmentation, name)].items():
+    for key, value in fresh(name).items():
         if isinstance(value, np.ndarray):
             yield key, value, key.endswith("out") or key in RESULTS.get(name, ())
 
@@ -556,7 +564,7 @@ def test_all_levels_give_the_same_bits(name: str) -> None:
     results = set()
     for one in kernels.levels():
         kernels.use_level(one)
-        arguments = valid()[getattr(segmentation, name)]
+        arguments = fresh(name)
         answer = run(name, arguments)
         written = [arguments[key].tobytes() for key, _, out in arrays(name) if out]
         results.add((repr(answer), *written))
