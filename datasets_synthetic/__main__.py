@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import tyro
 from rich.console import Console
@@ -21,8 +21,13 @@ from .themes import THEMES
 _FORMAT_NAMES = ", ".join(FORMATS)
 
 
+def _console(**options: Any) -> Console:
+    """Console that shows every text as it is: `:100:` of a draw is no picture, `[red]` of a path no colour."""
+    return Console(markup=False, emoji=False, **options)
+
+
 def _fail(message: str, code: int = 2) -> NoReturn:
-    Console(stderr=True, soft_wrap=True).print(message, style="bold red", highlight=False, markup=False)
+    _console(stderr=True, soft_wrap=True).print(message, style="bold red", highlight=False)
     sys.exit(code)
 
 
@@ -55,10 +60,10 @@ def render_suite(
         _fail(str(error))
     if format not in FORMATS:
         _fail(f"no format {format!r}; known: {_FORMAT_NAMES}")
-    console = Console()
+    console = _console()
     specs = specs_of(suite)
     try:
-        for spec in track(specs, description=f"rendering {suite}", console=console):
+        for spec in track(specs, description="rendering", console=console):
             sequence = render(spec)
             FORMATS[format](sequence, out)
             if preview:
@@ -69,12 +74,12 @@ def render_suite(
         _fail(reason, 1)
     except ValueError as error:
         _fail(str(error), 1)
-    console.print(f"{len(specs)} sequences of suite {suite} in {out}", highlight=False, markup=False)
+    console.print(f"{len(specs)} sequences of suite {suite} in {out}", highlight=False)
 
 
 def list_suites() -> None:
     """List the suites and their sequences, and the themes of the distributions."""
-    console = Console()
+    console = _console()
     for suite, specs in SUITES.items():
         table = Table("sequence", "size", "frames", "attributes", "digest", title=f"{suite} ({len(specs)})")
         for spec in specs:

@@ -34,6 +34,7 @@ from .worker import Arrays
 __all__ = [
     "TRACK",
     "Job",
+    "check_factory",
     "hidden_paths",
     "make_jobs",
     "open_request",
@@ -140,6 +141,8 @@ def run_jobs(
 
     Raises
     ------
+    ValueError
+        If the factory of a tracker is not there.
     ResultsError
         When a result cannot be written, or a worker of a cluster has other code; running processes are ended, stored
         results stay.
@@ -156,6 +159,8 @@ def run_jobs(
         else:
             waiting.append(Keyed(job, key))
             notes[key] = note
+    if not dask:
+        _check_factories([one.job for one in waiting], limits or Limits(), folder.path)
     batches = [
         Batch(part, versions[part[0].job.tracker.name], limits or Limits(), folder.path.absolute())
         for part in _batched(waiting, workers)
@@ -164,6 +169,32 @@ def run_jobs(
         for run in chain.from_iterable(found):
             folder.write_run(run)
             report(run, False, notes[run.key])
+
+
+def check_factory(tracker: TrackerSpec, limits: Limits, hidden: Iterable[Path]) -> None:
+    """Refuse a tracker ``pkg.module:factory`` whose factory is not there, before it has failed on every sequence.
+
+    The module is loaded in a process of its own, as it is for a run.
+
+    Raises
+    ------
+    ValueError
+        With the reason.
+    """
+    if ":" not in tracker.name:
+        return
+    with Child(TRACK, with_parameters(limits, tracker), hidden=hidden) as child:
+        try:
+            child.ask({"do": "find", "factory": tracker.factory})
+        except ChildError as error:
+            raise ValueError(f"the tracker {tracker.name!r} cannot be used: it {error}") from error
+
+
+def _check_factories(jobs: list[Job], limits: Limits, results: Path) -> None:
+    trackers = {job.tracker.name: job.tracker for job in jobs}
+    hidden = sorted({path for job in jobs for path in hidden_paths(job.sequence, results)})
+    for tracker in trackers.values():
+        check_factory(tracker, limits, hidden)
 
 
 class Keyed(NamedTuple):

@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import pandas as pd
 import tyro
+from rich.text import Text
 
 from . import ablation, regression
 from .accuracy import Job, make_jobs, run_jobs
@@ -26,6 +28,7 @@ from .options import (
     SuiteName,
     Suites,
     Trackers,
+    at_least,
     listed,
 )
 from .plots import write_figure
@@ -76,7 +79,7 @@ def run(
     memory: float = 2048.0,
     processes: int = 64,
     protocol: str = ONE_PASS.name,
-    starts: int = 0,
+    starts: Annotated[int, at_least(0)] = 0,
     frames: int | None = None,
     retry_failed: bool = False,
     paths: Paths = (),
@@ -156,8 +159,8 @@ def speed(
     trackers: Trackers = DEFAULT_TRACKERS,
     sequences: Only = (),
     scenes: Scenes = None,
-    frames: int = TIMED_UPDATES,
-    block: int = BLOCK,
+    frames: Annotated[int, at_least(1)] = TIMED_UPDATES,
+    block: Annotated[int, at_least(1)] = BLOCK,
     timeout: float = 60.0,
     paths: Paths = (),
     models: Models = None,
@@ -190,7 +193,7 @@ def report(
     only: str | None = None,
     chosen: str = "TrackerHS",
     trackers: tuple[str, ...] | None = None,
-    videos: int = 0,
+    videos: Annotated[int, at_least(0)] = 0,
     shown: tuple[str, ...] = (),
 ) -> None:
     """Turn stored results into tables, plots, an HTML report and a page per sequence. Runs no tracker.
@@ -224,7 +227,13 @@ def report(
         _console.print(f"report: {(path / 'report.html').resolve()}", soft_wrap=True)
 
 
-def bench(*, suite: SuiteName = "standard", jobs: Jobs = 2, repeats: int = 1, out: Out = Path("results")) -> None:
+def bench(
+    *,
+    suite: SuiteName = "standard",
+    jobs: Jobs = 2,
+    repeats: Annotated[int, at_least(1)] = 1,
+    out: Out = Path("results"),
+) -> None:
     """Everything on one suite with every tracker: accuracy, speed, report.
 
     Parameters
@@ -367,7 +376,7 @@ def _load(
         _console.print(f"seed of the clock: the same sequences again are --suite {name}", highlight=False)
     dataset = dataset and canonical_dataset(dataset)
     source = dataset or f"suite:{name}"
-    with _console.status(f"reading {source}"):
+    with _console.status(Text(f"reading {source}")):
         found = load_dataset(dataset, only) if dataset else load_suite(name)
     unknown = set(only) - {sequence.name for sequence in found}
     if unknown:

@@ -6,11 +6,31 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from tyro.constructors import PrimitiveConstructorSpec
 
 __all__ = [
     "Dask", "Dataset", "Datasets", "Jobs", "Models", "Only", "Out", "Paths", "Scenes", "Suite", "SuiteName", "Suites",
-    "Trackers", "listed",
+    "Trackers", "at_least", "listed",
 ]  # fmt: skip
+
+
+def at_least(least: int) -> PrimitiveConstructorSpec[int]:
+    """Whole numbers from `least` on, for an option: others are refused before anything is done."""
+
+    def parsed(words: list[str]) -> int:
+        number = int(words[0])
+        if number < least:
+            raise ValueError(f"expected at least {least}, got {number}")
+        return number
+
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="INT",
+        instance_from_str=parsed,
+        is_instance=lambda value: isinstance(value, int),
+        str_from_instance=lambda value: [str(value)],
+    )
+
 
 _SUITE = "Synthetic suite, drawn:N:SEED or drawn/THEME:N:SEED (SEED may be clock)"
 SuiteName = Annotated[str, tyro.conf.arg(help=f"{_SUITE}.")]
@@ -27,7 +47,9 @@ Scenes = Annotated[
     Path | None,
     tyro.conf.arg(help="CSV with the columns sequence and scene: what shares a camera is no independent evidence."),
 ]
-Jobs = Annotated[int, tyro.conf.arg(help="Processes at a time; time is measured with one whatever this says.")]
+Jobs = Annotated[
+    int, tyro.conf.arg(help="Processes at a time; time is measured with one whatever this says."), at_least(1)
+]
 Dask = Annotated[str, tyro.conf.arg(help="Address of a Dask scheduler: its workers run the trackers instead.")]
 Models = Annotated[
     Path | None, tyro.conf.arg(help="Folder of the model files of TrackerNano, TrackerVit, DaSiamRPN.")

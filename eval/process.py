@@ -232,7 +232,7 @@ class Child:
         """
         answer = self._exchange(content, arrays, self._limits.seconds if seconds is None else seconds)
         if "failure" in answer.content:
-            raise ChildError(str(answer.content["failure"]))
+            raise ChildError(_printable(str(answer.content["failure"])))
         return answer
 
     def _exchange(self, content: Mapping[str, Any], arrays: Arrays, seconds: float) -> Answer:
@@ -360,8 +360,13 @@ class Child:
         # The place in the file is the child's too: it must not be moved.
         size = os.fstat(self._printed.fileno()).st_size
         text = os.pread(self._printed.fileno(), _TAIL, max(size - _TAIL, 0)).decode("utf-8", errors="replace")
-        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        lines = [_printable(line) for line in text.splitlines() if line.strip()]
         return lines[-1][:300] if lines else ""
+
+
+def _printable(words: str) -> str:
+    """One line without what would command a terminal: the words are the child's."""
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in words).split())
 
 
 def _environment(scratch: str, hidden: list[Path]) -> dict[str, str]:

@@ -19,8 +19,11 @@ LINE_SECONDS = 20.0
 
 
 def make_console() -> Console:
-    """Console of standard output; tables that go to a file or a pipe are as wide as they are."""
-    return Console(width=None if sys.stdout.isatty() else _WIDEST)
+    """Console of standard output that shows every text as it is, `[red]` and `:100:` too.
+
+    Tables that go to a file or a pipe are as wide as they are.
+    """
+    return Console(width=None if sys.stdout.isatty() else _WIDEST, markup=False, emoji=False)
 
 
 class Steps:
@@ -29,6 +32,7 @@ class Steps:
     Parameters
     ----------
     console : Console
+        Of `make_console`: titles and lines hold words of others.
     title : str
     total : int
     """
@@ -36,7 +40,7 @@ class Steps:
     def __init__(self, console: Console, title: str, total: int) -> None:
         self._console, self._title, self._total = console, title, total
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
@@ -70,7 +74,7 @@ class Steps:
 
     def say(self, text: str) -> None:
         """Print a line above the bar."""
-        self._bar.console.print(f"[yellow]{text}")
+        self._bar.console.print(text, style="yellow")
 
     def _line(self) -> None:
         if self._console.is_terminal:

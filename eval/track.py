@@ -1,6 +1,7 @@
 """One tracker on its way through a sequence: the service that its process runs (see :mod:`eval.worker`).
 
-Requests: ``{"do": "open", "factory": "pkg.module:name", "params": {...}, "seed": 0}``; ``{"do": "frame"}`` with an
+Requests: ``{"do": "find", "factory": "pkg.module:name"}``, which only says whether there is such a thing; ``{"do":
+"open", "factory": "pkg.module:name", "params": {...}, "seed": 0}``; ``{"do": "frame"}`` with an
 image, which the next two are about; ``{"do": "init", "box": [x, y, w, h]}``; ``{"do": "update"}``, whose answer is
 ``{"ok": true, "box": [x, y, w, h], "score": 0.9, "cpu_ms": 1.2, "wall_ms": 1.3}``: the times are of the call of
 `update` alone. A rotated box comes as its four `corners` beside the box round it. ``{"do": "mask"}`` gives the
@@ -63,7 +64,9 @@ class Track:
         ValueError
             If the tracker refuses its box, or answers something that is no box.
         """
-        if content["do"] == "open":
+        if content["do"] == "find":
+            resolve(content["factory"])
+        elif content["do"] == "open":
             # Whatever was served before: the same dice.
             cv2.setRNGSeed(content["seed"])
             random.seed(content["seed"])

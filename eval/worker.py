@@ -34,12 +34,12 @@ class Service(Protocol):
 
 
 def resolve(reference: str) -> Any:
-    """Return the object that ``"pkg.module:name"`` refers to.
+    """Return the callable that ``"pkg.module:name"`` refers to.
 
     Raises
     ------
     ValueError
-        If there is no such module or name in it.
+        If there is no such module or name in it, or it cannot be called.
     """
     module, _, name = reference.partition(":")
     if not module or not name:
@@ -50,6 +50,8 @@ def resolve(reference: str) -> Any:
             found = getattr(found, part)
     except (ImportError, AttributeError) as error:
         raise ValueError(f"cannot load {reference!r}: {error}") from error
+    if not callable(found):
+        raise ValueError(f"expected pkg.module:factory, got {reference!r}, which cannot be called")
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -12,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -419,6 +421,35 @@ def test_names_that_look_alike_as_files_do_not_share_one(tmp_path: Path) -> None
     names = ["a b", "a_b", "a/b", "a:b", "a"]
     assert len({folder.run_path("t", name, 0, 0) for name in names}) == len(names)
     assert folder.run_path("TrackerHS", "a_b", 0, 0).name == "a_b.s0r0.json"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("plug:mak", "cannot load 'plug:mak': module 'plug' has no attribute 'mak'"),
+        ("plug:NUMBER", "expected pkg.module:factory, got 'plug:NUMBER', which cannot be called"),
+        ("broken:make", "cannot load 'broken:make': No module named 'nowhere'"),
+    ],
+)
+@pytest.mark.parametrize("timed", [False, True])
+def test_a_mistyped_factory_is_found_before_anything_is_run(
+    name: str, message: str, timed: bool, sequence: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is an error of the command, and no row in which a tracker fails; known trackers beside it do not run."""
+    (tmp_path / "plug.py").write_text("NUMBER = 3\ndef make(): ...\n")
+    (tmp_path / "broken.py").write_text("import nowhere\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    specs = [find_tracker("Static"), find_tracker(name)]
+    folder, done = Folder(tmp_path / "out"), []
+    expected = re.escape(f"the tracker {name!r} cannot be used: it raised ValueError: {message}")
+    start = (
+        partial(measure_speed, specs, [sequence])
+        if timed
+        else partial(run_jobs, make_jobs(specs, [sequence]), workers=1)
+    )
+    with pytest.raises(ValueError, match=expected):
+        start(folder, report=lambda run, *_: done.append(run))
+    assert done == []
 
 
 @pytest.mark.skipif(not available(), reason="this kernel keeps no process from files")

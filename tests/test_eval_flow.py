@@ -468,6 +468,17 @@ def test_kitti_comes_back_to_a_64th_of_a_pixel(tmp_path):
         list(flow_data.dataset_pairs(f"kitti:{tmp_path / 'none'}"))
 
 
+@pytest.mark.parametrize(("name", "message"), [
+    ("cv2:DISOpticalFlow_creat", "cannot load 'cv2:DISOpticalFlow_creat'"),
+    ("math:pi", "got 'math:pi', which cannot be called"),
+    ("nowhere:make", "cannot load 'nowhere:make'"),
+])  # fmt: skip
+def test_a_mistyped_factory_is_found_before_anything_runs(name, message, tmp_path):
+    """It is an error of the command, and no row of notes."""
+    with pytest.raises(ValueError, match=message):
+        flow.compare([], [name], tmp_path, options=flow.RunOptions())
+
+
 def test_unknown_method_names_the_known_ones(tmp_path):
     """The error lists every method and says that pkg.module:factory goes too, before anything runs."""
     with pytest.raises(ValueError, match=r"unknown flow method 'zoro'; known: zero, .*belief-propagation") as caught:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from datasets_synthetic import Truth, canonical, crowd, frames, objects, render, suite, truth
-from eval.mot.command import write_answers, write_truth
+from eval.mot.command import main_mot, write_answers, write_truth
 from eval.mot.score import COLUMNS, Answers, combined, scored
 from eval.mot.trackers import NearestBox, make_tracker
 
@@ -190,3 +190,16 @@ def test_a_tracker_of_ones_own_is_judged(tmp_path: Path, capsys: pytest.CaptureF
     assert main([*command, "--trackers", "tests.mot_tracker:Wrong"]) == 1
     assert "expected (identity, (x, y, w, h)) of each object" in capsys.readouterr().err
     assert sum(1 for _ in frames(crowd(5, 0))) == 120
+
+
+def test_where_nothing_moves_there_is_nobody_to_follow(tmp_path: Path) -> None:
+    """A sequence without objects is named before anything is run."""
+    with pytest.raises(ValueError, match="smoke_rotate of smoke: nothing moves from its place"):
+        main_mot(suite="smoke", trackers=("AutomaticTracker",), out=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_makes_no_tracker_is_refused() -> None:
+    """A name that is there but cannot be called."""
+    with pytest.raises(ValueError, match="got 'math:pi', which cannot be called"):
+        make_tracker("math:pi")

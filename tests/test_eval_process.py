@@ -494,6 +494,16 @@ def test_a_failure_leaves_the_child_in_use() -> None:
     assert not child.running()
 
 
+def test_what_a_child_says_commands_no_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its words go to a terminal, to files and pages: letters only."""
+    (tmp_path / "rude.py").write_text(r"""def make(): raise ValueError("\x1b[31mred\x07\u202e")""")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with Child("eval.track:Track", Limits()) as child:
+        with pytest.raises(ChildError) as caught:
+            child.ask({"do": "open", "factory": "rude:make", "params": {}, "seed": 0})
+    assert str(caught.value) == "raised ValueError: [31mred"
+
+
 @pytest.mark.parametrize("limits", [{"seconds": 0}, {"megabytes": -1}, {"processes": 0}, {"seconds": math.nan}])
 def test_limits_are_positive(limits: dict[str, float]) -> None:
     """Senseless limits are named."""

@@ -47,3 +47,24 @@ def test_a_bar_on_a_terminal() -> None:
         steps.advance("first")
     assert "1/2" in text.getvalue()
     assert "of 2 in" not in text.getvalue()
+
+
+def test_words_of_others_are_shown_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    """A tracker's complaint or the name of a folder is no markup of Rich's, and none can end the run."""
+    words = "raised [red]no[/green] :x: of drawn:100:5"
+    console = progress.make_console()
+    with Steps(console, words, 1) as steps:
+        steps.say(words)
+        steps.advance(words)
+    table = Table(words, title=words)
+    table.add_row(words)
+    console.print(table)
+    assert capsys.readouterr().out.count(words) == 5
+
+
+def test_words_of_others_in_a_bar() -> None:
+    """The bar shows them unchanged too."""
+    text = io.StringIO()
+    with Steps(Console(file=text, force_terminal=True, width=120), "[bold]x :x: [/y]", 1) as steps:
+        steps.advance("drawn:100:5 [/z]")
+    assert "[bold]x :x: [/y]  drawn:100:5 [/z]" in text.getvalue()

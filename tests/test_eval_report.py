@@ -503,6 +503,30 @@ def test_regression_says_what_is_wrong_with_its_file(tmp_path: Path) -> None:
         compare(path, "U", {"a": 0.5})
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "--jobs", "0"], ["run", "--jobs", "-1"], ["run", "--starts", "-1"], ["speed", "--frames", "0"],
+        ["speed", "--block", "0"], ["flow", "--pairs", "0"], ["flow", "--repeats", "0"], ["mot", "--jobs", "0"],
+        ["sweep", "noise=0,1", "--jobs", "0"], ["ablate", "--jobs", "0"], ["check", "--jobs", "0"],
+        ["bench", "--repeats", "0"], ["report", "--videos", "-1"],
+    ],
+)  # fmt: skip
+def test_numbers_that_cannot_be_meant_are_refused(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The option is named, with what it takes; nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    assert stop.value.code == 2
+    said = " ".join(capsys.readouterr().err.replace("│", " ").split())
+    assert words[-2] in said
+    least = 0 if words[-2] in {"--starts", "--videos"} else 1
+    assert f"expected at least {least}, got {words[-1]}" in said
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
     """Without arguments the commands are listed, and each has its own help."""
     assert main(["--help"]) == 0

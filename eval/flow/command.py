@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import cv2
 
-from ..options import Out, Suite
+from ..options import Out, Suite, at_least
 from ..progress import Steps, make_console
 from ..results import FlowResult
 from ..sequences import canonical_suite, suite_folder
@@ -109,8 +109,8 @@ def main_flow(
     suite: Suite = None,
     dataset: str | None = None,
     methods: tuple[str, ...] = (),
-    pairs: int = 2,
-    repeats: int = 5,
+    pairs: Annotated[int, at_least(1)] = 2,
+    repeats: Annotated[int, at_least(1)] = 5,
     timeout: float = 180.0,
     out: Out = Path("results/flow"),
 ) -> None:

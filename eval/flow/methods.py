@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..trackers import ANY_FACTORY, look_up, source_files
+from ..worker import resolve
 
 if TYPE_CHECKING:
     from hs_tracker_cv.flow import Mode
@@ -306,17 +307,18 @@ def flow_method(name: str) -> FlowMethod:
     Raises
     ------
     ValueError
-        If the name is unknown; names the known ones.
+        If the name is unknown, and names the known ones; or if there is no such factory.
     """
     module, _, attribute = name.partition(":")
     if not attribute:
         return look_up(FLOW_METHODS, name, "flow method", ANY_FACTORY)
 
+    make = resolve(name)
+
     def factory() -> Callable[..., Flow]:
-        made = getattr(importlib.import_module(module), attribute)()
+        made = make()
         return _dense(made) if hasattr(made, "calc") else made
 
-    importlib.import_module(module)
     return FlowMethod("own", name, factory, ("cv2", module.partition(".")[0]))
 
 

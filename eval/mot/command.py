@@ -39,6 +39,11 @@ def main_mot(
     name = laboratory.canonical(suite)
     specs = laboratory.suite(name)
     truths = {spec.name: laboratory.objects(spec) for spec in specs}
+    still = [sequence for sequence, truth in truths.items() if not truth]
+    if still:
+        raise ValueError(
+            f"{', '.join(still)} of {name}: nothing moves from its place, so that there is nobody to follow"
+        )
     folder = out / f"mot-{suite_folder(name)}"
     for spec in specs:
         write_truth(folder / "truth" / f"{spec.name}.txt", truths[spec.name])
