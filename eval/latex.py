@@ -49,6 +49,8 @@ _SIGNS = str.maketrans(
     }
 )
 
+_LATIN, _QUOTES = 0x180, "‘’“”„…—"  # what pdflatex knows as it is
+
 _HEAD = r"""% \usepackage{array, booktabs, graphicx}
 """
 # Wider than the line: made smaller. Narrower: left as it is.
@@ -93,10 +95,10 @@ def latex_table(table: pd.DataFrame, *, caption: str, label: str, rivals: Rivals
     texts = []
     for number, (columns, rows) in enumerate(parts):
         values = {
-            "caption": caption.translate(_SIGNS) + (" (continued)" if number else ""),
+            "caption": _escaped(caption) + (" (continued)" if number else ""),
             "label": label + (f"-{number + 1}" if number else ""),
             "columns": "".join(_alignment(table, column) for column in columns),
-            "head": " & ".join(str(table.columns[column]).translate(_SIGNS) for column in columns),
+            "head": " & ".join(_escaped(str(table.columns[column])) for column in columns),
             "body": "\n".join(
                 " & ".join(_cell(str(table.iat[row, column]), (row, column) in best) for column in columns) + r" \\"
                 for row in rows
@@ -130,8 +132,14 @@ def _paragraph(share: float) -> str:
 
 
 def _cell(text: str, best: bool) -> str:
-    text = text.translate(_SIGNS)
+    text = _escaped(text)
     return rf"\textbf{{{text}}}" if best else text
+
+
+def _escaped(text: str) -> str:
+    """Text as LaTeX takes it; of scripts that its default fonts have not, the numbers of the signs."""
+    signs = text.translate(_SIGNS)
+    return "".join(sign if ord(sign) < _LATIN or sign in _QUOTES else f"U+{ord(sign):04X}" for sign in signs)
 
 
 def _best(table: pd.DataFrame, rivals: Rivals) -> set[tuple[int, int]]:

@@ -330,6 +330,7 @@ def test_latex_compiles_without_overfull_boxes(summary: Summary, tmp_path: Path)
     files = [path for path in write_tables(summary, tmp_path) if path.suffix == ".tex"]
     hard = pd.DataFrame({f"column {number} ±10 %": ["0.123–0.456"] * 90 for number in range(30)})
     hard.insert(0, "name", [r"a_b&c#d$e{f}g\h~i^j<k>l≥m≤n×o−p→q¹" for _ in range(90)])
+    hard["taken"] = "Größe … λ 追跡"
     hard["drawn"] = "speckle 1.5, an_unbroken_word_of_some_length 3, ground clouds, " * 4
     (tmp_path / "hard.tex").write_text(latex_table(hard, caption="50 % of a_b", label="hard"), encoding="utf-8")
     inputs = "\n".join(rf"\input{{{path.name}}}" for path in (*files, tmp_path / "hard.tex"))
