@@ -584,6 +584,18 @@ def test_videos_are_chosen_on_the_page(browser: Any, square: Path, tmp_path: Pat
             page.await_text("tracks", "TrackerHS 1")
 
 
+def _contrast(ink: str, plate: str) -> float:
+    """Of two colours as a browser tells them: the ratio of their luminances, as WCAG 2 defines it."""
+
+    def luminance(colour: str) -> float:
+        levels = np.array([int(level) / 255 for level in re.findall(r"\d+", colour)[:3]])
+        linear = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
+        return float(linear @ (0.2126, 0.7152, 0.0722))
+
+    dark, light = sorted((luminance(ink), luminance(plate)))
+    return (light + 0.05) / (dark + 0.05)
+
+
 @pytest.mark.browser
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_page_fits_a_phone_in_both_colours(browser: Any, served: tuple[str, psutil.Process], scheme: str) -> None:
@@ -600,10 +612,15 @@ def test_the_page_fits_a_phone_in_both_colours(browser: Any, served: tuple[str, 
             "[...document.querySelectorAll('[data-part]')].filter(e => e.getBoundingClientRect().right > 400).length"
         )
         assert wide == 0
+        name, dark = (page.part(part).bounding_box() for part in ("name", "dark"))
+        assert name["y"] < dark["y"] + dark["height"] / 2 < name["y"] + name["height"]  # the header is one row
         ground = page.page.evaluate("getComputedStyle(document.body).backgroundColor")
         level = np.mean([int(number) for number in re.findall(r"\d+", ground)[:3]])
         assert (level < 60) == (scheme == "dark")
         assert (level > 200) == (scheme == "light")
+        for part in ("save-python", "paper", "first"):
+            ink = page.part(part).evaluate("button => getComputedStyle(button).color")
+            assert _contrast(ink, "rgb(29, 35, 39)" if scheme == "dark" else "rgb(255, 255, 255)") > 4.5
 
 
 @pytest.mark.browser

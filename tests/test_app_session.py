@@ -438,6 +438,21 @@ def test_the_program_finds_the_same_boxes(session: Session, square: tuple[Path, 
     assert lines[1:] == expected
 
 
+def test_the_program_of_the_demo_runs() -> None:
+    """Though it is no file."""
+    session = Session(Sources())
+    session.open(DEMO)
+    session.start(demonstration.BOX)
+    session.go_to(2)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(snippet(session, DEMO).replace("elif index > 0:", "elif 0 < index < 3:"), {})
+    lines = printed.getvalue().splitlines()
+    assert lines[0].startswith("2 (480, 640, 2) ")
+    assert lines[1:] == [f"{step.index} {step.box} {step.score}" for step in session.tracks[0].steps[1:]]
+    session.close()
+
+
 def test_every_tracker_has_its_column_of_speed(session: Session, square: tuple[Path, list[Box]]) -> None:
     """The square moves by (2, 1) px per frame."""
     session.start(square[1][0])

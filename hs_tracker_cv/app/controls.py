@@ -203,7 +203,8 @@ class Controls:
             ui.code(code, language="python").style("width: 100%").props("data-part=program")
             with ui.element("div").classes("hs-row"):
                 name = f"{seen.store.name}.py"
-                ui.button("Save", on_click=lambda: ui.download.content(code, name, "text/x-python"))
-                ui.button("Close", on_click=dialog.close).props("flat")
+                save = ui.button("Save", on_click=lambda: ui.download.content(code, name, "text/x-python"))
+                save.props("dense no-caps data-part=save-program")
+                ui.button("Close", on_click=dialog.close).props("flat dense no-caps")
         dialog.on("hide", dialog.delete)
         dialog.open()

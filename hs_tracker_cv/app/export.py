@@ -16,6 +16,7 @@ from ..stages import StageParams
 from ..video import VideoError, VideoSink
 from .pictures import draw_tracks
 from .session import Moment, Session
+from .sources import DEMO
 from .tracks import OURS, Track
 
 __all__ = ["overlay_webm", "panels_png", "snippet", "table_csv"]
@@ -93,12 +94,17 @@ def snippet(session: Session, name: str) -> str:
     """
     ours = [track for track in session.tracks if track.name == OURS]
     names = ["TrackerHS", "TrackerHS_Params"] if any(_parameters(track) for track in ours) else ["TrackerHS"]
+    demo = name == DEMO
     lines = [f"from hs_tracker_cv import {', '.join(names)}"] if ours else []
+    lines += ["from hs_tracker_cv.app.demo import demo"] if demo else []
     lines += [
         "from hs_tracker_cv.stages import PaperMethod, StageParams",
-        "from hs_tracker_cv.video import open_source",
+        *([] if demo else ["from hs_tracker_cv.video import open_source"]),
         "",
-        f"SOURCE = {session.sources.argument(name)!r}",
+        "",
+        "def opened():",
+        f"    return {'demo()' if demo else f'open_source({session.sources.argument(name)!r})'}",
+        "",
         "",
         "# the paper's method from the frame before to the one shown",
         *_paper(session.index, session.stage_params),
@@ -114,7 +120,7 @@ def _paper(index: int, params: StageParams) -> list[str]:
         *(f"    {field.name}={getattr(params, field.name)!r}," for field in fields(params)),
         ")",
         "method, previous = PaperMethod(parameters), None",
-        "with open_source(SOURCE) as source:",
+        "with opened() as source:",
         "    for index, frame in enumerate(source.frames):",
         f"        if index == {max(index, 1)}:",
         "            stages = method.calc(previous, frame)",
@@ -132,7 +138,7 @@ def _following(track: Track) -> list[str]:
     return [
         f"# object {track.number}",
         f"tracker = TrackerHS({_parameters(track)})",
-        "with open_source(SOURCE) as source:",
+        "with opened() as source:",
         "    for index, frame in enumerate(source.frames):",
         f"        if index == {track.start}:",
         f"            tracker.init(frame, {tuple(track.roi)!r})",

@@ -141,9 +141,9 @@ class Page:
             self.upload.classes("hidden").props("data-part=upload")
             self.upload.props(f"accept={','.join(sorted(VIDEO_SUFFIXES))}")
             pick = f"() => runMethod({self.upload.id}, 'pickFiles', [])"
-            ui.button("Open file", icon="upload_file").props("outline dense no-caps data-part=open").on(
-                "click", js_handler=pick
-            )
+            ui.button("Open file", icon="upload_file").props(
+                'outline dense no-caps data-part=open aria-label="Open file"'
+            ).on("click", js_handler=pick)
             ui.button(icon="contrast", on_click=self._toggle_dark).props(
                 'flat round dense data-part=dark aria-label="Light or dark"'
             ).tooltip("Light or dark")

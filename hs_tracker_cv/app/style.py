@@ -5,7 +5,7 @@ from __future__ import annotations
 __all__ = ["ACCENT", "CSS", "KEYS", "LET_GO"]
 
 ACCENT = "#1b8fa0"
-"""Of buttons and sliders; readable on light and on dark ground."""
+"""Of filled buttons and sliders, on light and on dark ground."""
 
 CSS = """
 :root { --ink: #1c2326; --dim: #64727a; --line: #d5dde1; --plate: #ffffff; --ground: #f1f4f5; --accent: #16808f; }
@@ -40,6 +40,8 @@ body { background: var(--ground) !important; color: var(--ink); }
 .hs-table th { text-align: left; font-weight: 500; color: var(--dim); }
 .hs-table td, .hs-table th { padding: 2px 10px 2px 0; white-space: nowrap; }
 .hs-table b { display: inline-block; width: 10px; height: 10px; border-radius: 3px; margin-right: 6px; }
+/* For text the brand colour differs too little from either ground. */
+:is(.q-btn--outline, .q-btn--flat, .q-item, .q-field) { --q-primary: var(--accent); }
 .hs-row .q-btn, .hs-header .q-btn--rectangle { padding: 2px 8px; }
 .hs-side { display: flex; flex-direction: column; gap: 12px; min-width: 0; }
 .hs-card { padding: 10px 12px; display: flex; flex-direction: column; gap: 6px; min-width: 0; }
@@ -60,7 +62,9 @@ body { background: var(--ground) !important; color: var(--ink); }
   .hs-frame { max-width: 100%; }
 }
 @media (max-width: 520px) {
-  .hs-header .block { display: none !important; }
+  /* Its icon alone: the text has no element of its own. */
+  .hs-header .q-btn__content { font-size: 0; }
+  .hs-header .q-btn .q-icon { font-size: 24px; }
   .hs-panels-head .hs-grow { flex-basis: 100%; }
   .hs-header .q-icon.on-left { margin-right: 0; }
   .hs-strip > div { flex-basis: 78px; font-size: 10px; }
