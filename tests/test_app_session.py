@@ -438,6 +438,22 @@ def test_the_program_finds_the_same_boxes(session: Session, square: tuple[Path, 
     assert lines[1:] == expected
 
 
+@pytest.mark.parametrize(
+    ("url", "name"),
+    [
+        ("http://user:secret@host/film/clip.mp4?token=secret", "clip.mp4"),
+        ("rtsp://user:secret@camera:554", "camera"),
+        ("rtsp://user:secret@camera:554/door", "door"),
+    ],
+)
+def test_a_stream_is_offered_without_its_secrets(url: str, name: str) -> None:
+    """The page shows its name; what opens it is the address as it was given."""
+    sources = Sources(url)
+    assert sources.names == [name, CAMERA.format(0), DEMO]
+    assert sources.argument(name) == url
+    sources.close()
+
+
 def test_the_program_of_the_demo_runs() -> None:
     """Though it is no file."""
     session = Session(Sources())

@@ -6,6 +6,7 @@ import itertools
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from ..video import IMAGE_SUFFIXES, VideoError, VideoSource, natural_key, open_source
 from .demo import demo
@@ -44,6 +45,10 @@ class Sources:
             self._add_folder(root)
         elif named.isdecimal() and not root.exists():
             self._add(CAMERA.format(named), named)
+        elif "://" in named:
+            # By what is no secret: neither user and password nor query.
+            parts = urlsplit(named)
+            self._add(Path(parts.path).name or parts.hostname or parts.scheme, named)
         elif named:
             # Absolute, so that a file called 0 is no camera.
             self._add(root.name or named, str(root.resolve()) if root.exists() else named)
