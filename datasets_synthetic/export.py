@@ -271,7 +271,7 @@ def read_flo(path: Path) -> NDArray[np.float32]:
 def write_video(sequence: Sequence, root: Path) -> Path:
     """Write `video.mkv` (FFV1, lossless) and `groundtruth.txt` (0-based x,y,w,h).
 
-    Takes and gives what `write_otb` does. Gray frames are stored as three equal channels.
+    Takes and gives what `write_otb` does. Gray frames are stored as three equal channels, and the manifest says so.
 
     Raises
     ------
@@ -319,6 +319,7 @@ def _folder(sequence: Sequence, root: Path) -> Path:
         "renderer_version": RENDERER_VERSION,
         "seed": sequence.spec.seed,
         "attributes": sequence.attributes,
+        "gray": sequence.frames.ndim == 3,
         "spec": repr(sequence.spec),
     }
     (folder / _MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n")

@@ -30,6 +30,7 @@ from .sequences import Sequence
 from .truthfiles import (
     SequenceError,
     SequenceWarning,
+    is_gray_export,
     read_attributes,
     read_box_file,
     read_masks,
@@ -116,7 +117,9 @@ def _sequence(
     shown_masks = read_masks(folder / "masks.txt", count)
     by_region = any(regions) and not shown_masks
     regions = shown_masks or (regions if any(regions) else ())
-    digest = _hash(source.paths, regions, boxes, visibility)
+    # The same files are other frames where their one channel is given once.
+    texts = (*regions, source.kind) if source.kind == "gray video" else regions
+    digest = _hash(source.paths, texts, boxes, visibility)
     scene = read_scene(folder) or scene
     attributes = read_attributes(folder)
     return Sequence(
@@ -264,7 +267,7 @@ def _csv(where: str) -> Readers:
         return _track_readers(video.name, table.parent, images, tracks)
     frames, size = _count_frames(video)
     tracks = read_csv(table, frames, size, video.name)
-    names = {track: f"{video.stem}-{track}" if len(tracks) > 1 else video.stem for track in tracks}
+    names = {track: f"{_name_of(video)}-{track}" if len(tracks) > 1 else _name_of(video) for track in tracks}
     # A video is followed from its first frame on: what comes later has no start there.
     found = {
         names[name]: partial(_from_video, names[name], video, track.boxes, track.visibility, table.parent, size)
@@ -322,14 +325,19 @@ def _two_files(where: str, expected: str) -> tuple[Path, Path]:
 def _video(where: str) -> Readers:
     """``VIDEO+BOXFILE``: boxes 0-based, one line per frame."""
     video, box_file = _two_files(where, "VIDEO+BOXFILE")
-    return {video.stem: partial(_read_video, video, box_file)}
+    return {_name_of(video): partial(_read_video, video, box_file)}
+
+
+def _name_of(video: Path) -> str:
+    """Name of a video; one that is called no more than video has its folder's, as those of our exports."""
+    return video.parent.name if video.stem == "video" else video.stem
 
 
 def _read_video(video: Path, box_file: Path) -> Sequence:
     frames, size = _count_frames(video)
     boxes, regions = read_box_file(box_file, first=0, count=frames)
-    count = _common_count(video.stem, frames, len(boxes))
-    return _from_video(video.stem, video, boxes[:count], None, box_file.parent, size, regions[:count])
+    count = _common_count(_name_of(video), frames, len(boxes))
+    return _from_video(_name_of(video), video, boxes[:count], None, box_file.parent, size, regions[:count])
 
 
 def _from_video(
@@ -341,8 +349,9 @@ def _from_video(
     size: tuple[int, int],
     regions: tuple[str, ...] = (),
 ) -> Sequence:
-    source = FrameSource((str(video),), "video", len(boxes))
-    return _sequence(name, source, boxes, visible, folder, size, video.stem, regions)
+    kind = "gray video" if is_gray_export(folder) else "video"
+    source = FrameSource((str(video),), kind, len(boxes))
+    return _sequence(name, source, boxes, visible, folder, size, _name_of(video), regions)
 
 
 def _count_frames(video: Path) -> tuple[int, tuple[int, int]]:

@@ -32,8 +32,8 @@ class FrameSource:
     paths : tuple of str
         One image file per frame; or a single ``.npy`` file of shape (T, H, W) or (T, H, W, C); or a single video; or
         of a drawn sequence the arguments of :func:`eval.rendered.frames_of`.
-    kind : {"images", "array", "video", "drawn"}
-        Which of the four.
+    kind : {"images", "array", "video", "gray video", "drawn"}
+        Which of these; a gray video has its one channel three times, and gives it once.
     count : int
         Number of frames to give.
     """
@@ -50,14 +50,17 @@ class FrameSource:
         FrameSourceError
             At the first frame that cannot be read.
         """
-        reader = {"images": self._images, "array": self._array, "video": self._video, "drawn": self._drawn}[self.kind]
-        return islice(reader(), self.count)
+        readers = {
+            "images": self._images, "array": self._array, "video": self._video, "gray video": self._gray_video,
+            "drawn": self._drawn,
+        }  # fmt: skip
+        return islice(readers[self.kind](), self.count)
 
     def places(self) -> list[Path]:
         """Folders and files that the frames, and what belongs to them, lie in."""
         if self.kind == "drawn":
             return [rendered.kept_frames()]
-        return [Path(path) if self.kind == "video" else Path(path).parent for path in self.paths]
+        return [Path(path) if "video" in self.kind else Path(path).parent for path in self.paths]
 
     def to_json(self) -> dict[str, Any]:
         """Plain data from which :meth:`from_json` makes an equal source."""
@@ -86,6 +89,9 @@ class FrameSource:
             raise FrameSourceError(str(error)) from error
         for frame in frames:
             yield np.array(frame)
+
+    def _gray_video(self) -> Iterator[NDArray[Any]]:
+        return (frame[:, :, 0].copy() for frame in self._video())
 
     def _video(self) -> Iterator[NDArray[Any]]:
         capture = cv2.VideoCapture(native_name(Path(self.paths[0])))

@@ -22,6 +22,7 @@ __all__ = [
     "BoxFile",
     "SequenceError",
     "SequenceWarning",
+    "is_gray_export",
     "read_attributes",
     "read_box_file",
     "read_masks",
@@ -265,6 +266,14 @@ def read_attributes(folder: Path) -> tuple[str, ...]:
         return ()
     section = parser["METAINFO"] if "METAINFO" in parser else {}
     return tuple(section[key] for key in ("motion_class", "object_class") if section.get(key))
+
+
+def is_gray_export(folder: Path) -> bool:
+    """Whether the manifest.json of our exports says that the frames have one channel, which a video cannot say."""
+    try:
+        return (folder / "manifest.json").exists() and _read_meta(folder / "manifest.json").get("gray") is True
+    except SequenceError:
+        return False  # said when the attributes are read
 
 
 def read_scene(folder: Path) -> str:
