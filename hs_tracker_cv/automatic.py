@@ -13,6 +13,7 @@ from .geometry import Box, iou
 from .movers import Mover, MoverFinder
 from .multi import MultiTrackerHS
 from .params import TrackerHS_Params
+from .scalars import as_int
 from .tracker import TrackerHS, TrackerState
 
 __all__ = ["AutomaticTracker", "Followed"]
@@ -117,6 +118,7 @@ class AutomaticTracker:
         most: int | None = None,
         detector: DetectorParams | None = None,
     ) -> None:
+        most = None if most is None else as_int("most", most)
         if most is not None and most < 1:
             raise ValueError(f"expected most of at least 1 or None, got {most!r}")
         self._parameters = parameters

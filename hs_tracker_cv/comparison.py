@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .camera import STILL, Affine, camera_motion, carried
 from .frames import Frame, crop, to_gray
 from .photometry import NORMAL_SIGMA, relit, structure_changed
+from .scalars import make_plain
 
 __all__ = ["Comparison", "DetectorParams", "Reduced", "changed", "compare", "is_restless", "reduced", "slope"]
 
@@ -70,6 +71,7 @@ class DetectorParams:
 
     def __post_init__(self) -> None:
         """Refuse values outside their range."""
+        make_plain(self)
         for name, lowest in (
             ("noise_factor", 0.0),
             ("min_area", 0.0),

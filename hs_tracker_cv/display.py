@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from .frames import as_frame, crop, fixed_errstate
 from .geometry import Box
+from .scalars import as_int
+from .validation import shown
 
 __all__ = [
     "PANELS",
@@ -517,9 +519,17 @@ def draw(
 
     Raises
     ------
+    TypeError
+        If `fields` is none of these, or a number is none.
     ValueError
-        If there is no such panel, or none is asked for.
+        If there is no such panel, or none is asked for; or a number is below 1.
     """
+    width, columns = (_at_least_one(name, side) for name, side in (("width", width), ("columns", columns)))
+    if not hasattr(fields, "current"):
+        raise TypeError(
+            "expected the result of PaperMethod.calc or TrackerHS.debug(), or MotionDetector.fields, which is None "
+            f"before there are two frames; got {shown(fields)}"
+        )
     known = tuple(PANELS) if _has_stages(fields) else WINDOW_PANELS
     chosen = known if panels is None else tuple(panels)
     unknown = [name for name in chosen if name not in known]
@@ -534,11 +544,18 @@ def draw(
         tiles = [(*PANELS[name], picture) for name, picture in zip(chosen, pictures, strict=True)]
         return tile_panels(tiles, columns=columns)
     size = (width, max(round(width * fields.current.shape[0] / fields.current.shape[1]), 1))
-    shown = {
+    pictures_of = {
         "frame": _tile(_gray_to_bgr(fields.current), size, "Window"),
         **_field_tiles(fields, None, "tracking", size),
     }
-    return _grid([shown[name] for name in chosen], columns)
+    return _grid([pictures_of[name] for name in chosen], columns)
+
+
+def _at_least_one(name: str, value: int) -> int:
+    number = as_int(name, value)
+    if number < 1:
+        raise ValueError(f"expected {name} of at least 1, got {number}")
+    return number
 
 
 def _has_stages(fields: FlowFields) -> TypeGuard[StageFields]:

@@ -6,18 +6,14 @@ import math
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, get_args
 
+from .scalars import plain
+from .validation import shown
+
 __all__ = ["MODES", "TrackerHS_Params"]
 
 Mode = Literal["auto", "segmentation", "patch_tracker"]
 MODES: tuple[Mode, ...] = get_args(Mode)
 """Values of `TrackerHS_Params.mode`."""
-
-_TYPES: dict[str, tuple[str, type | tuple[type, ...]]] = {
-    "Mode": ("str", str),
-    "bool": ("bool", bool),
-    "float | None": ("float | None", (int, float, type(None))),
-}
-"""By the annotation of a field: what it is called, and what it may be."""
 
 
 @dataclass(slots=True)
@@ -38,7 +34,7 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
     Raises
     ------
     TypeError
-        When a field is set to a value of another type.
+        When a field is set to a value of another type; NumPy's numbers become Python's.
     ValueError
         When a value is outside its range.
     AttributeError
@@ -59,9 +55,7 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
         kinds = {field.name: str(field.type) for field in fields(self)}
         if name not in kinds:
             raise AttributeError(f"TrackerHS_Params has no field {name!r}; its fields are {', '.join(kinds)}")
-        called, expected = _TYPES[kinds[name]]
-        if not isinstance(value, expected) or (isinstance(value, bool) and expected is not bool):
-            raise TypeError(f"expected {name} to be {called}, got {value!r}")
+        value = plain(name, value, kinds[name])
         _check_range(name, value)
         object.__setattr__(self, name, value)
 
@@ -85,7 +79,9 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
 
 
 def _check_range(name: str, value: Any) -> None:
+    if name == "mode" and not isinstance(value, str):
+        raise TypeError(f"expected mode to be a str, got {shown(value)}")
     if name == "mode" and value not in MODES:
-        raise ValueError(f"expected mode to be one of {', '.join(MODES)}, got {value!r}")
+        raise ValueError(f"expected mode to be one of {', '.join(MODES)}, got {shown(value)}")
     if name == "gain" and value is not None and not 0.0 < value < math.inf:
         raise ValueError(f"expected a finite gain above 0, got {value!r}")

@@ -20,6 +20,7 @@ from .flow import HornSchunck, derivatives, normal_flow
 from .flow.params import FlowParams, Mode
 from .frames import Frame, as_pair, crop, fixed_errstate, to_gray
 from .geometry import Box
+from .scalars import make_plain
 
 __all__ = ["MODES", "PaperMethod", "StageParams", "Stages"]
 
@@ -57,8 +58,8 @@ class StageParams:
 
     Raises
     ------
-    ValueError
-        If a value is out of range.
+    TypeError, ValueError
+        If a number is none, or out of range.
     """
 
     mode: Mode = "classic"
@@ -70,6 +71,7 @@ class StageParams:
 
     def __post_init__(self) -> None:
         """Refuse values outside their range."""
+        make_plain(self)
         FlowParams.preset(self.mode, smoothness=self.smoothness, iterations=self.iterations)
         if not 0 <= self.smoothing <= 20:
             raise ValueError(f"expected smoothing from 0 to 20, got {self.smoothing!r}")

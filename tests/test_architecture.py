@@ -22,7 +22,7 @@ FORBIDDEN = {
 }
 
 
-_LOOPS = {"_native", "frames", "geometry", "validation"}
+_LOOPS = {"_native", "frames", "geometry", "scalars", "validation"}
 ROOMS = {
     # what each of the library's rooms may take from the others, as data flows in docs/algorithm.md
     "estimate": {"geometry"},

@@ -517,7 +517,7 @@ def test_field_plots_arrows():
         ("default", {"smoothness": 0.0}, "smoothness.*0.0"),
         ("default", {"smoothness": float("nan")}, "smoothness.*nan"),
         ("default", {"iterations": 0}, "iterations.*0"),
-        ("default", {"levels": 1.5}, "levels.*1.5"),
+        ("default", {"levels": 0}, "levels.*0"),
         ("default", {"ratio": 1.0}, "ratio.*1.0"),
         ("default", {"median": 4}, "median.*4"),
         ("default", {"presmooth": -0.1}, "presmooth.*-0.1"),

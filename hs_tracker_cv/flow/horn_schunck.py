@@ -252,10 +252,13 @@ class HornSchunck:
         params, previous = state.get("params"), state.get("_previous")
         if not isinstance(params, FlowParams):
             raise ValueError(f"expected params to be FlowParams, got {shown(params)}")
-        replace(params)  # which checks every value
+        try:
+            params = replace(params)  # which checks every value
+        except TypeError as error:
+            raise ValueError(str(error)) from error
         if previous is not None and not _is_gray(previous):
             raise ValueError(f"expected _previous to be a contiguous plane of float32, got {shown(previous)}")
-        self.__dict__.update(state)
+        self.__dict__.update(state, params=params)
         self._idle = []
         self._stream = threading.Lock()
 

@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from ..scalars import make_plain
+from ..validation import shown
+
 __all__ = ["DERIVATIVES", "PRESETS", "Derivative", "FlowParams", "Mode"]
 
 Mode = Literal["classic", "solve", "fast", "default", "accurate"]
@@ -69,6 +72,8 @@ class FlowParams:
 
     Raises
     ------
+    TypeError
+        If a number is none; NumPy's become Python's.
     ValueError
         If a value is out of range; the message names it.
     """
@@ -89,6 +94,7 @@ class FlowParams:
 
     def __post_init__(self) -> None:
         """Check every value."""
+        make_plain(self)
         _one_of("mode", self.mode, tuple(_FIELDS_OF_MODE))
         _one_of("derivative", self.derivative, DERIVATIVES)
         _one_of("median", self.median, (1, 3, 5))
@@ -124,8 +130,8 @@ class FlowParams:
 
 
 def _one_of(name: str, value: object, known: tuple[object, ...]) -> None:
-    if value not in known:
-        raise ValueError(f"expected {name} to be one of {', '.join(map(repr, known))}, got {value!r}")
+    if not isinstance(value, (str, int)) or value not in known:
+        raise ValueError(f"expected {name} to be one of {', '.join(map(repr, known))}, got {shown(value)}")
 
 
 def _positive(name: str, value: float) -> None:
@@ -133,8 +139,8 @@ def _positive(name: str, value: float) -> None:
         raise ValueError(f"expected a finite {name} > 0, got {value!r}")
 
 
-def _at_least_one(name: str, value: object) -> None:
-    if not isinstance(value, int) or value < 1:
+def _at_least_one(name: str, value: int) -> None:
+    if value < 1:
         raise ValueError(f"expected an integer {name} >= 1, got {value!r}")
 
 
