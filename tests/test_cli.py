@@ -301,6 +301,14 @@ def test_an_output_without_a_place_costs_no_earlier_one(here: Path) -> None:
         (["in.mkv", "--csv", "link.csv"], 2, "link.csv: would overwrite the input"),
         (["set", "--csv", "set/0.png"], 2, f"set{os.sep}0.png: would overwrite the input"),
         (["set", "--csv", "set/0040.png"], 2, f"set{os.sep}0040.png: would be read as a frame of the input"),
+        (["in.mkv", "--csv", "x.webm"], 2, "x.webm: is a table of boxes: expected a name as boxes.csv"),
+        (["in.mkv", "--all", "--mot", "x.MP4"], 2, "x.MP4: is a table of boxes: expected a name as boxes.csv"),
+        (["in.mkv", "--csv", "x.png"], 2, "x.png: is a table of boxes: expected a name as boxes.csv"),
+        (["in.mkv", "--out", "x.csv"], 1, "x.csv: expected a name that ends in .webm, .mkv, .avi, got '.csv'"),
+        (["app", "absent.mp4", "--no-show"], 1, "absent.mp4: cannot be read (No such file or directory)"),
+        (["app", "text.mp4", "--no-show"], 1, "text.mp4: is not a video that OpenCV can open"),
+        (["app", "none", "--no-show"], 1, "none: holds no image"),
+        (["app", "--models", "none", "--no-show"], 1, "none: holds no TrackerNano for this OpenCV"),
         (["in.mkv", "--start", "-1"], 2, "expected --start of at least 0, got -1"),
         (["in.mkv", "--start", "3"], 1, "in.mkv: has 3 frames, none after frame 2"),
         (["in.mkv", "--step", "0"], 2, "expected --step of at least 1, got 0"),
@@ -316,7 +324,7 @@ def test_an_output_without_a_place_costs_no_earlier_one(here: Path) -> None:
         (["in.mkv", "--out", "o.mp4"], 1, "o.mp4: expected a name that ends in .webm, .mkv, .avi"),
         (["in.mkv", "--out", "absent/o.webm"], 1, "absent/o.webm: cannot be written (No such file or directory)"),
         (["in.mkv", "--frobnicate"], 2, "frobnicate"),
-        ([], 2, "VIDEO"),
+        ([], 2, "expected a VIDEO to follow, or app for the live page, which needs none"),
         (["in.mkv", "--max-frames", "many"], 2, "--max-frames"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
@@ -328,6 +336,7 @@ def test_a_fault_is_one_line_and_a_code(
     _write(here / "in.mkv", _square(3)[0])
     for name in ("text.avi", "text.mp4"):
         (here / name).write_text("no video\n" * 20)
+    (here / "none").mkdir()
     (here / "zero.mp4").touch()
     (here / "link.csv").symlink_to("in.mkv")
     (here / "set").mkdir()

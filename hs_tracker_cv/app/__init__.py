@@ -95,8 +95,14 @@ def serve(video: str = "", *, models: str = "", port: int | None = None, show: b
     Raises
     ------
     ImportError, VideoError
-        As select_roi.
+        As select_roi; and if `video` or `models` cannot be used.
     """
+    from .rivals import rivals
+    from .sources import require
+
+    require(video)
+    if models and "TrackerNano" not in rivals(models):
+        raise VideoError(f"{models}: holds no TrackerNano for this OpenCV (expected *backbone*.onnx and *head*.onnx)")
     with _page("app", port, video=video, models=models) as page:
         page.announce("The page is at", show=show)
         return page.process.wait()

@@ -17,13 +17,13 @@ from nicegui import background_tasks, events, run, ui
 from ..frames import InputError
 from ..geometry import Box
 from ..movers import MoverFinder
-from ..video import VideoError
+from ..video import VIDEO_SUFFIXES, VideoError
 from .controls import Controls
 from .panels import WATCH, PanelGrid
 from .picker import BoxPicker
 from .pictures import colour, draw_tracks, picture_url
 from .session import Moment, Session
-from .sources import VIDEO_SUFFIXES, Sources
+from .sources import Sources
 from .stream import SCRIPT, Stream
 from .strip import strip_svg
 from .style import ACCENT, CSS, KEYS, LET_GO

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import os
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from ..video import IMAGE_SUFFIXES, VideoError, VideoSource, natural_key, open_source
+from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, VideoError, VideoSource, natural_key, open_source
 from .demo import demo
 
-__all__ = ["CAMERA", "DEMO", "VIDEO_SUFFIXES", "Sources"]
-
-VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv"})
-"""Files of a folder that are offered, and uploads that are taken."""
+__all__ = ["CAMERA", "DEMO", "Sources", "require"]
 
 DEMO = "a rolling ball (demo)"
 CAMERA = "camera {}"
@@ -63,11 +61,8 @@ class Sources:
         return unique
 
     def _add_folder(self, folder: Path) -> None:
-        try:
-            inside = sorted(folder.iterdir(), key=natural_key)
-        except OSError:
-            inside = []
-        videos = [path for path in inside if path.suffix.lower() in VIDEO_SUFFIXES and _lies_in(path, folder)]
+        inside = _listed(folder)
+        videos = _videos_of(inside, folder)
         if not videos or any(path.suffix.lower() in IMAGE_SUFFIXES for path in inside):
             # With the name of its parent: many data sets call every such folder img.
             self._add("/".join(folder.resolve().parts[-2:]), str(folder))
@@ -126,6 +121,35 @@ class Sources:
     def close(self) -> None:
         """Delete the uploads."""
         self._inbox.cleanup()
+
+
+def require(named: str) -> None:
+    """Refuse a file or folder that cannot be used, before a page is served for it.
+
+    Cameras and streams are left to the page: what they need may still come.
+
+    Raises
+    ------
+    VideoError
+        With the reason.
+    """
+    live = "://" in named or (os.path.exists(named) and not (os.path.isfile(named) or os.path.isdir(named)))
+    if not named or live or (named.isdecimal() and not os.path.exists(named)):
+        return
+    folder = Path(named)
+    if not (os.path.isdir(named) and _videos_of(_listed(folder), folder)):
+        open_source(folder).close()
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir(), key=natural_key)
+    except OSError:
+        return []
+
+
+def _videos_of(inside: list[Path], folder: Path) -> list[Path]:
+    return [path for path in inside if path.suffix.lower() in VIDEO_SUFFIXES and _lies_in(path, folder)]
 
 
 def _lies_in(path: Path, folder: Path) -> bool:

@@ -50,6 +50,10 @@ def _command(arguments: list[str]) -> int:
         parts = f"OpenCV {cv2.__version__}, NumPy {np.__version__}, Python {platform.python_version()}"
         print(f"{PROGRAM} {__version__} ({parts})")
         return 0
+    if not arguments:
+        raise UsageError(
+            f"expected a VIDEO to follow, or app for the live page, which needs none; see {PROGRAM} --help"
+        )
     if arguments[:1] == ["app"]:
         from ..app import serve
 

@@ -34,14 +34,14 @@ class Options:
 
     Without --roi and --select the first object that moves is followed, and the next one when that has left.
 
-    Other commands: `hs-track app` opens the live page, `hs-track --version` names the versions. Exit code: 0; 1 for
-    input or output that fails, 2 for a command that cannot be meant, 130 after Ctrl-C (128 + number of the signal);
-    what was written stays.
+    Other commands: `hs-track app [VIDEO]` opens the live page, `hs-track --version` names the versions. Exit code:
+    0; 1 for input or output that fails, 2 for a command that cannot be meant, 130 after Ctrl-C (128 + number of the
+    signal); what was written stays.
 
     Parameters
     ----------
     video
-        Video file, URL (rtsp, http, …), number of a camera, or folder of images.
+        Video file, URL (rtsp, http, …), number of a camera, or folder of images; `hs-track app` starts without, too.
     roi
         The object in the first frame, in px: x,y,w,h.
     select
@@ -145,7 +145,7 @@ class AppOptions:
         Do not open a browser window.
     """
 
-    video: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")] = ""
+    video: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="[VIDEO]")] = ""
     models: Annotated[str, tyro.conf.arg(metavar="DIR")] = ""
     port: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     no_show: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO, TextIO, cast
 
 from ..display import STATE_COLOURS, draw_box, draw_boxes
 from ..following import Step, write_header, write_mot, write_row
-from ..video import IMAGE_SUFFIXES, VideoError, VideoSink, VideoSource
+from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, VideoError, VideoSink, VideoSource
 from .options import Options, UsageError
 from .panels import Panels, labels
 
@@ -33,7 +33,7 @@ class Outputs:
     Raises
     ------
     UsageError
-        If two outputs are one file, or one is the input.
+        If two outputs are one file, one is the input, or a table is named like a video.
     VideoError
         If a video cannot be written under its name.
     """
@@ -44,7 +44,7 @@ class Outputs:
         panels = video.with_name(f"{video.stem}.panels{video.suffix}")
         tables = [table] if options.mot is None else [table, options.mot]
         targets = [video, *tables, panels] if options.panels else [video, *tables]
-        _check(options.video, targets)
+        _check(options.video, targets, tables)
         _check_folders(targets)
         self._overlay = VideoSink(video, source.fps)
         self._every = options.all
@@ -232,8 +232,8 @@ def _check_folders(targets: list[Path]) -> None:
             raise VideoError(f"{path}: cannot be written (No such file or directory)")
 
 
-def _check(video: str, targets: list[Path]) -> None:
-    """Refuse to write two outputs to one file, or over what is read."""
+def _check(video: str, targets: list[Path], tables: list[Path]) -> None:
+    """Refuse tables that are named like videos, two outputs to one file, and any over what is read."""
     source = Path(video)
     seen: dict[str, Path] = {}
     for path in targets:
@@ -245,6 +245,11 @@ def _check(video: str, targets: list[Path]) -> None:
         if place in seen or any(_same(path, other) for other in seen.values()):
             raise UsageError(f"{path}: is named for two outputs")
         seen[place] = path
+    for path in tables:
+        if path.suffix.lower() in VIDEO_SUFFIXES | IMAGE_SUFFIXES:
+            raise UsageError(
+                f"{path}: is a table of boxes: expected a name as boxes.csv, got that of a video or picture"
+            )
 
 
 def _is_frame(path: Path, folder: Path) -> bool:

@@ -9,7 +9,7 @@ it has. What the decoders print themselves is left to OpenCV's own switches (``c
 from __future__ import annotations
 
 from .folder import IMAGE_SUFFIXES, image_files, natural_key, read_image
-from .opening import open_source
+from .opening import VIDEO_SUFFIXES, open_source
 from .quiet import silence_decoders
 from .sink import CODECS, VideoSink
 from .source import VideoError, VideoSource, native_name
@@ -17,6 +17,7 @@ from .source import VideoError, VideoSource, native_name
 __all__ = [
     "CODECS",
     "IMAGE_SUFFIXES",
+    "VIDEO_SUFFIXES",
     "VideoError",
     "VideoSink",
     "VideoSource",

@@ -12,7 +12,10 @@ from .capture import STREAMS, open_camera, open_file, open_stream
 from .folder import open_folder
 from .source import VideoError, VideoSource
 
-__all__ = ["open_source"]
+__all__ = ["VIDEO_SUFFIXES", "open_source"]
+
+VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv"})
+"""What files that are meant as videos end in; `open_source` asks the file itself."""
 
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 _CAMERA = re.compile(r"/dev/video(\d+)")
