@@ -42,6 +42,7 @@ class Stub:
     carried: Box = HERE
     carried_ok: bool = True
     carried_score: float = 0.95
+    left: bool = False
     relocated: bool = False
     redetected: Redetection | None = None
     foreign: bool = False
@@ -50,6 +51,11 @@ class Stub:
     def _segmented(self, state: Any, name: str, box: Box, **changes: Any) -> Any:
         self.asked.append(name)
         return state.replace(estimate=state.estimate.replace(box=box, **changes), count=state.count + 1)
+
+    def has_left(self, state: Any, box: Box) -> bool:
+        """What the test says."""
+        self.asked.append("left")
+        return self.left
 
     def watch(self, state: Any, frame: Frame, box: Box, params: Any) -> Any:
         """Learn the background."""
@@ -75,6 +81,15 @@ class Stub:
     def ride(self, state: Any, box: Box) -> Any:
         """Take a box over."""
         return self._carried(state, "ride", box=box, ok=True)
+
+    def start(self, frame: Frame, box: Box, params: Any) -> Any:
+        """Begin anew."""
+        self.asked.append("start")
+        return patch_tracker.start(frame, box, params)
+
+    def teach(self, state: Any, frame: Frame, box: Box, params: Any) -> Any:
+        """Take a box over, and learn it."""
+        return self._carried(state, "teach", box=box, ok=True)
 
     def dismiss(self, before: Any, after: Any) -> Any:
         """Still lost."""
@@ -154,6 +169,8 @@ def track_in(young: Track, state: State) -> Track:
     """A track that a frame of the scene finds in a state."""
     if state is State.STARTING:
         return young
+    if state is State.TEACHING:
+        return replace(young, choice=Choice(frames=9, log_unexplained=-3.5, since=9).with_pupil, target="target")
     choice = Choice(frames=WITNESS_FRAMES, log_unexplained=-3.5, since=1, agreement=0.8)
     old = replace(young, choice=choice, target="target")
     if state is State.PATCH_TRACKER:
@@ -191,6 +208,11 @@ def turn_in(young: Track, frame: Frame, state: State, event: Event, stub: Stub) 
 EXPECTED: dict[tuple[State, Event], tuple[Event, list[str]]] = {
     # state, event: what turns out, and who is asked for it
     (State.STARTING, Event.SCENE): (Event.RAN, ["segment", "carry"]),
+    (State.STARTING, Event.LEFT): (Event.RAN, ["start"]),
+    (State.TEACHING, Event.SCENE): (Event.FOUND, ["segment"]),
+    (State.TEACHING, Event.FOUND): (Event.RAN, ["teach"]),
+    (State.TEACHING, Event.DUE): (Event.RAN, ["teach"]),
+    (State.TEACHING, Event.UNSEEN): (Event.RAN, ["carry"]),
     (State.SEGMENTATION, Event.SCENE): (Event.FOUND, ["segment"]),
     (State.SEGMENTATION, Event.FOUND): (Event.RAN, ["ride"]),
     (State.SEGMENTATION, Event.DUE): (Event.RAN, ["carry", "ride"]),
@@ -200,12 +222,13 @@ EXPECTED: dict[tuple[State, Event], tuple[Event, list[str]]] = {
     (State.INTERRUPTED, Event.SCENE): (Event.DONE, ["seek", "reseed"]),
     (State.INTERRUPTED, Event.OTHER): (Event.DONE, ["seek", "reseed"]),
 }
-for _state in (State.STARTING, State.SEGMENTATION, State.PATCH_TRACKER, State.LOST):
+_LEADERS = (State.STARTING, State.TEACHING, State.SEGMENTATION, State.PATCH_TRACKER)
+for _state in (*_LEADERS, State.LOST):
     EXPECTED[_state, Event.PLAIN] = EXPECTED[_state, Event.SCENE]
     EXPECTED[_state, Event.OTHER] = EXPECTED[_state, Event.NOTHING] = (Event.DONE, [])
 EXPECTED[State.INTERRUPTED, Event.PLAIN] = (Event.SCENE, [])
 EXPECTED[State.INTERRUPTED, Event.NOTHING] = (Event.DONE, [])
-for _state in (State.STARTING, State.SEGMENTATION, State.PATCH_TRACKER):
+for _state in _LEADERS:
     EXPECTED[_state, Event.RAN] = (Event.LOCATED, [])
     EXPECTED[_state, Event.LOCATED] = (Event.DONE, [])
     for _event in (Event.UNLIKELY, Event.HIDDEN, Event.MISSING, Event.PART):
@@ -244,7 +267,7 @@ ANSWERS: list[tuple[Event, str, Box, float | None, bool]] = [
 ]
 
 
-@pytest.mark.parametrize("leader", [State.STARTING, State.SEGMENTATION, State.PATCH_TRACKER], ids=lambda s: s.name)
+@pytest.mark.parametrize("leader", _LEADERS, ids=lambda s: s.name)
 @pytest.mark.parametrize(("event", "state", "box", "score", "scene"), ANSWERS, ids=lambda v: getattr(v, "name", None))
 def test_what_is_answered(
     young: Track, frame: Frame, leader: State, event: Event, state: str, box: Box, score: float, scene: bool
@@ -295,6 +318,27 @@ def test_a_segment_that_is_contradicted_is_left(young: Track, frame: Frame) -> N
     assert not after.choice.trusted
     assert after.box == THERE
     assert "segment" not in calls(after, frame, stub)
+
+
+@pytest.mark.parametrize("left", [True, False])
+def test_a_patch_tracker_that_stays_with_the_ground_is_taught(young: Track, frame: Frame, left: bool) -> None:
+    """Once the object has left its box, segmentation leads it to the end of the start; otherwise both go on alone."""
+    stub, track = Stub(segment=THERE, left=left), young
+    assert calls(track, frame, stub) == ["segment", "carry", "left", *(["start"] if left else [])]
+    asked = []
+    for _ in range(4):
+        track = advance(track, frame, stub.rooms)
+        asked.append(calls(track, frame, stub))
+    assert asked[:3] == [["segment", "teach"] if left else ["segment", "carry", "left"]] * 3
+    assert (track.box, track.choice.teaching) == (THERE, left)
+
+
+def test_what_the_pupil_says_is_no_measurement(young: Track, frame: Frame) -> None:
+    """The size of a box that was put on the segment says nothing of the segment's."""
+    track = track_in(young, State.TEACHING)
+    after = advance(track, frame, Stub().rooms)
+    assert after.choice.frames == track.choice.frames + 1
+    assert after.choice.witnessed == 0
 
 
 def test_the_background_is_watched_in_every_second_frame(young: Track, frame: Frame) -> None:
@@ -376,7 +420,7 @@ def test_a_single_mode_is_asked_alone(frame: Frame, mode: Any, asked: list[str])
 
 def test_the_modes_are_what_arbitration_asks_for() -> None:
     """The stubs have what the rooms have."""
-    for name in ("step", "watch", "reseed", "relocate"):
+    for name in ("step", "has_left", "watch", "reseed", "relocate"):
         assert callable(getattr(segmentation, name))
-    for name in ("step", "seek", "ride", "turned", "dismiss"):
+    for name in ("start", "step", "seek", "ride", "teach", "turned", "dismiss"):
         assert callable(getattr(patch_tracker, name))

@@ -20,6 +20,7 @@ __all__ = [
     "answer_part",
     "ask",
     "begin_anew",
+    "begin_teaching",
     "go_on",
     "interrupt",
     "miss",
@@ -31,6 +32,7 @@ __all__ = [
     "run_patch_tracker",
     "run_segmentation",
     "search",
+    "teach",
     "weigh",
 ]
 
@@ -89,9 +91,29 @@ def run_both(turn: Turn) -> Turn:
         if segmented and segmented.estimate.ok:
             carried = turn.rooms.patch_tracker.turned(carried, segmented.turn)
         carried = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options, near=turn.near)
+    event = Event.RAN
     if segmented and carried:
         choice = choice.asked(carried.estimate.score, agreement(segmented.estimate.box, carried.estimate.box))
-    return turn._replace(segmentation=segmented, patch_tracker=carried, choice=choice, event=Event.RAN)
+        seen = segmented.estimate.ok and not segmented.estimate.occluded
+        if seen and choice.may_have_left(segmented.estimate.score):
+            stays = turn.rooms.segmentation.has_left(segmented, carried.estimate.box)
+            event = Event.LEFT if stays else Event.RAN
+    return turn._replace(segmentation=segmented, patch_tracker=carried, choice=choice, event=event)
+
+
+def begin_teaching(turn: Turn) -> Turn:
+    """Begin the patch tracker anew where segmentation sees the object."""
+    segmented, _ = _both(turn)
+    carried = turn.rooms.patch_tracker.start(turn.frame, segmented.estimate.box, turn.track.options)
+    return turn._replace(patch_tracker=carried, choice=turn.choice.with_pupil, event=Event.RAN)
+
+
+def teach(turn: Turn) -> Turn:
+    """Show the patch tracker where segmentation sees the object: over other ground in every frame."""
+    segmented, carried = _both(turn)
+    box = segmented.estimate.box
+    carried = turn.rooms.patch_tracker.teach(carried, turn.frame, box, turn.track.options)
+    return turn._replace(patch_tracker=carried, event=Event.RAN)
 
 
 def run_segmentation(turn: Turn) -> Turn:
@@ -308,7 +330,7 @@ def _measured(turn: Turn, segmented: SegmentationState, carried: PatchTrackerSta
     if segmented is turn.track.segmentation:  # not watched in this frame
         return replace(choice, since=choice.since + 1)
     # A carried box that does not know where the object is does not know its size.
-    witness = carried.estimate.score > tuning.SURE
+    witness = carried.estimate.score > tuning.SURE and not choice.taught
     difference = size_difference(segmented.estimate.box, carried.estimate.box) if witness else None
     steadiness = _steadiness(turn, segmented)
     after = updated(choice, segmented.estimate.unexplained, difference, steadiness)

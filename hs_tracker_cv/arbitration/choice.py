@@ -51,6 +51,8 @@ class Choice:
         `agreement` of the two boxes then.
     steadiness : Steadiness
         Of the segment.
+    taught : bool
+        True once segmentation has shown the patch tracker where the object is: that is no witness any more.
     """
 
     frames: Count = 0
@@ -62,6 +64,12 @@ class Choice:
     chance: Annotated[float, Within(0.0, 1.0)] = 1.0
     agreement: Annotated[float, Within(0.0, 1.0)] = 1.0
     steadiness: Steadiness = field(default_factory=Steadiness)
+    taught: bool = False
+
+    @property
+    def teaching(self) -> bool:
+        """Segmentation leads, and shows the patch tracker where the object is."""
+        return self.taught and self.trusted
 
     @property
     def unexplained(self) -> float:
@@ -85,6 +93,11 @@ class Choice:
         elsewhere = self.agreement < tuning.APART and self.chance > tuning.RATHER
         return elsewhere and not self.steadiness.spinning
 
+    def may_have_left(self, score: float) -> bool:
+        """A segment of that score, not doubted, has gone from where the carried box is, if both began together."""
+        apart = self.agreement < tuning.LEFT_AGREEMENT and self.trusted
+        return apart and score > tuning.LEFT_SCORE and self.doubt < tuning.LEFT_DOUBT
+
     def outweighed(self, chance: float) -> bool:
         """A segment hardly to be believed stands against a carried box that is rather right than not."""
         return self.trusted and chance < tuning.LEAST and self.chance > tuning.RATHER
@@ -97,6 +110,11 @@ class Choice:
     def asked(self, chance: float, agreement: float) -> Choice:
         """Take in what the carried box says where it is on its own."""
         return replace(self, chance=chance, agreement=agreement)
+
+    @property
+    def with_pupil(self) -> Choice:
+        """The same measurements with the carried box put on the segment, and taught."""
+        return replace(self, chance=1.0, agreement=1.0, taught=True)
 
     def segment_chance(self, score: float) -> float:
         """Chance that a segment is right, 0–1, by its own `score` and what the carried box said of it.

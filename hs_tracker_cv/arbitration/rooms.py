@@ -22,6 +22,8 @@ class SegmentationRoom(Protocol):
 
     def step(self, state: SegmentationState, frame: Frame, params: SegmentationParams) -> SegmentationState: ...
 
+    def has_left(self, state: SegmentationState, box: Box) -> bool: ...
+
     def watch(
         self, state: SegmentationState, frame: Frame, box: Box, params: SegmentationParams
     ) -> SegmentationState: ...
@@ -38,6 +40,8 @@ class SegmentationRoom(Protocol):
 class PatchTrackerRoom(Protocol):
     """As :mod:`hs_tracker_cv.patch_tracker`."""
 
+    def start(self, frame: Frame, box: Box, params: PatchTrackerParams) -> PatchTrackerState: ...
+
     def step(
         self,
         state: PatchTrackerState,
@@ -50,6 +54,10 @@ class PatchTrackerRoom(Protocol):
     def seek(self, state: PatchTrackerState, frame: Frame, params: PatchTrackerParams) -> PatchTrackerState: ...
 
     def ride(self, state: PatchTrackerState, box: Box) -> PatchTrackerState: ...
+
+    def teach(
+        self, state: PatchTrackerState, frame: Frame, box: Box, params: PatchTrackerParams
+    ) -> PatchTrackerState: ...
 
     def turned(self, state: PatchTrackerState, angle: float) -> PatchTrackerState: ...
 

@@ -37,6 +37,16 @@ TABLE: Mapping[State, Mapping[Event, Action]] = {
         Event.SCENE: actions.run_both,
         Event.PLAIN: actions.run_both,
         **_NOT_THE_SCENE,
+        Event.LEFT: actions.begin_teaching,
+        **_ANSWERS,
+    },
+    State.TEACHING: {
+        Event.SCENE: actions.run_segmentation,
+        Event.PLAIN: actions.run_segmentation,
+        **_NOT_THE_SCENE,
+        Event.FOUND: actions.teach,
+        Event.DUE: actions.teach,
+        Event.UNSEEN: actions.search,
         **_ANSWERS,
     },
     State.SEGMENTATION: {

@@ -24,6 +24,8 @@ class State(Enum):
 
     STARTING = auto()
     """Both modes run, each being the other's witness; or there is only one."""
+    TEACHING = auto()
+    """So it was, but the patch tracker stayed with the ground: segmentation leads, and teaches it the object."""
     SEGMENTATION = auto()
     """Segmentation leads; the patch tracker rides on its box."""
     PATCH_TRACKER = auto()
@@ -54,6 +56,8 @@ class Event(Enum):
     UNSEEN = auto()
     """It does not, or what it sees is something else."""
     # of the modes
+    LEFT = auto()
+    """Both ran, and the patch tracker stays with ground that the object has left."""
     RAN = auto()
     """All that are to run have."""
     # of what they say
@@ -141,6 +145,9 @@ def first_state(track: Track) -> State:
 
 def leader(track: Track) -> State:
     """State of a track whose object is in sight."""
-    if track.segmentation is None or track.patch_tracker is None or track.choice.frames < WITNESS_FRAMES:
+    choice = track.choice
+    if track.segmentation is None or track.patch_tracker is None:
         return State.STARTING
-    return State.SEGMENTATION if track.choice.trusted else State.PATCH_TRACKER
+    if choice.frames < WITNESS_FRAMES:
+        return State.TEACHING if choice.teaching else State.STARTING
+    return State.SEGMENTATION if choice.trusted else State.PATCH_TRACKER

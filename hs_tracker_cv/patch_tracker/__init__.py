@@ -16,7 +16,7 @@ All functions are pure: a state goes in, a new one comes out, and no array of th
 from __future__ import annotations
 
 from .state import PatchTrackerEstimate, PatchTrackerParams, PatchTrackerState, belongs
-from .tracking import dismiss, ride, seek, start, step, turned
+from .tracking import dismiss, ride, seek, start, step, teach, turned
 
 __all__ = [
     "PatchTrackerEstimate",
@@ -28,5 +28,6 @@ __all__ = [
     "seek",
     "start",
     "step",
+    "teach",
     "turned",
 ]

@@ -38,7 +38,7 @@ from .state import (
     jump_from,
 )
 
-__all__ = ["dismiss", "ride", "seek", "start", "step", "turned"]
+__all__ = ["dismiss", "ride", "seek", "start", "step", "teach", "turned"]
 
 F32 = NDArray[np.float32]
 
@@ -394,6 +394,33 @@ def ride(state: PatchTrackerState, box: Box) -> PatchTrackerState:
     )
     estimate = state.estimate.replace(box=box, ok=True)
     return state._replace(pose=pose, velocity=(0.0, 0.0), low=0, persistence=g.body, hint=None, estimate=estimate)
+
+
+def teach(state: PatchTrackerState, frame: Frame, box: Box, params: PatchTrackerParams) -> PatchTrackerState:
+    """Learn the object where other means have found it; as what its place looks like, not how it goes on.
+
+    Parameters
+    ----------
+    state : PatchTrackerState
+        Not changed.
+    frame : Frame
+    box : Box
+        Frame px; its shape may differ from the first one's.
+    params : PatchTrackerParams
+
+    Returns
+    -------
+    PatchTrackerState
+        As after `ride`, with filter and peak of this frame.
+    """
+    ridden = ride(state, box)
+    sampler = Sampler(frame, ridden.geometry, ridden.pose, state.model.templates, state.before)
+    seen = peak_at(ridden, sampler, ridden.pose, ridden.pose, 0.0).seen
+    located = finders.with_unrest(finders.learn(state.model.located, sampler.scene(ridden.pose)), seen.change)
+    model = state.model._replace(previous=sampler.fine(ridden.pose).gray, located=located)
+    good_frames = state.good_frames + 1
+    peak = state.peak + max(tuning.PEAK_RATE, 1.0 / good_frames) * (seen.height - state.peak)
+    return ridden._replace(model=model, peak=peak, good_frames=good_frames, before=sampler.part)
 
 
 def seek(state: PatchTrackerState, frame: Frame, params: PatchTrackerParams) -> PatchTrackerState:

@@ -6,6 +6,7 @@ Everything is a pure function from one frozen state to the next.
 
 from __future__ import annotations
 
+from .departure import has_left
 from .relocation import relocate
 from .state import SegmentationEstimate, SegmentationParams, SegmentationState
 from .tracking import belongs, reseed, start, step, watch
@@ -15,6 +16,7 @@ __all__ = [
     "SegmentationParams",
     "SegmentationState",
     "belongs",
+    "has_left",
     "relocate",
     "reseed",
     "start",

@@ -173,4 +173,5 @@ def rescale(state: SegmentationState, step: int) -> SegmentationState:
         visible=None if state.visible is None else pick(state.visible),
         atlas=Atlas(resample(state.atlas.image), counts, offset),
         occlusion=state.occlusion.rescaled(ratio),
+        begun=None,
     )

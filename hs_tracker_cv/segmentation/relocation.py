@@ -135,4 +135,5 @@ def _moved(
     return state.replace(
         estimate=estimate, origin=origin, box=box, velocity=velocity, previous=image, gray=gray, odds=odds,
         shape=shape, obj=obj, distractor=None, visible=None, atlas=atlas, occlusion=Occlusion(),
+        begun=None,
     )  # fmt: skip

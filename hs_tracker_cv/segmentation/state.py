@@ -13,7 +13,16 @@ from ..estimate import Estimate
 from ..validation import Count, Shape, Within
 from .colour import BINS
 
-__all__ = ["Atlas", "Image", "Occlusion", "Plane", "SegmentationEstimate", "SegmentationParams", "SegmentationState"]
+__all__ = [
+    "Atlas",
+    "Beginning",
+    "Image",
+    "Occlusion",
+    "Plane",
+    "SegmentationEstimate",
+    "SegmentationParams",
+    "SegmentationState",
+]
 
 Plane = Annotated[NDArray[np.float32], Shape("h", "w")]
 """One value per window pixel, (h, w)."""
@@ -170,6 +179,24 @@ class Occlusion(NamedTuple):
 NOTHING_IN_FRONT = Occlusion()
 
 
+class Beginning(NamedTuple):
+    """What was in the box in which the object was begun.
+
+    Parameters
+    ----------
+    image : ndarray, shape (h, w, 3)
+        In the light of the first frame.
+    origin : tuple of int
+        Its top-left, lattice px.
+    centre : tuple of float
+        Of the box, lattice px.
+    """
+
+    image: Annotated[NDArray[np.float32], Shape("begun h", "begun w", 3)]
+    origin: tuple[int, int]
+    centre: tuple[float, float]
+
+
 @dataclass(frozen=True)
 class SegmentationState:
     """Everything carried to the next frame; never changed in place. All windows are those of the *next* frame.
@@ -218,6 +245,8 @@ class SegmentationState:
     light : tuple of float
         How much brighter the frame just seen is than the first one, per channel; all images here are in the light of
         the first.
+    begun : Beginning or None
+        Where `occlusion.drift` began, too; None once that or the lattice has changed.
     """
 
     estimate: SegmentationEstimate
@@ -242,6 +271,7 @@ class SegmentationState:
     match_cost: float = 0.0
     occlusion: Occlusion = NOTHING_IN_FRONT
     light: Light = EVEN_LIGHT
+    begun: Beginning | None = None
 
     @property
     def turn(self) -> float:

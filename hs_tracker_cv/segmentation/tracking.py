@@ -13,6 +13,7 @@ from ..geometry import Box
 from . import labelling, memory, motion, tuning
 from . import mask as masks
 from . import occlusion as hiding
+from .departure import beginning
 from .labelling import Expected, Labels, VisiblePart
 from .memory import Learned
 from .state import Occlusion, SegmentationEstimate, SegmentationParams, SegmentationState
@@ -84,6 +85,7 @@ def start(frame: Frame, box: Box, params: SegmentationParams) -> SegmentationSta
         visible=None,
         atlas=seed.atlas,
         colours=seed.colours,
+        begun=beginning(image, small, origin),
     )
 
 
@@ -156,7 +158,7 @@ def watch(state: SegmentationState, frame: Frame, box: Box, params: Segmentation
     learned = learned._replace(odds=seed.odds, shape=seed.shape, obj=window.image, colours=seed.colours)
     local = Box(small[0] - state.origin[0], small[1] - state.origin[1], small[2], small[3])
     outcome = _Outcome(local, (speed[0], speed[1]), (0.0, 0.0, 0.0, 0.0), Occlusion(), 1.0)
-    return _next_state(state, frame, window, moves, labels, learned, outcome, params)
+    return _next_state(state.replace(begun=None), frame, window, moves, labels, learned, outcome, params)
 
 
 def reseed(state: SegmentationState, frame: Frame, box: Box, params: SegmentationParams) -> SegmentationState:
@@ -191,6 +193,7 @@ def reseed(state: SegmentationState, frame: Frame, box: Box, params: Segmentatio
         colours=seed.colours,
         contrast=0.0,
         match_cost=0.0,
+        begun=beginning(moved.previous, moved.box, moved.origin),
     )
 
 

@@ -327,3 +327,18 @@ RESIDUAL, RESIDUAL_FACTOR = 6.0, 2.0
 
 RIVAL = 1.15
 """The best other place has at least so many times the residual."""
+
+# Departure. Its numbers: on `drawn:117:73111`, `95940` and `99498` and the 22 real sequences of choose.txt.
+
+STAYED = 0.5
+"""Share of the segment's way over the ground up to which another box has stayed."""
+
+LEFT_DIFFERENCE, LEFT_NOISE = 4.0, 1.5
+"""Difference from which a pixel is unlike another: in units of the noise, and the least noise, gray levels."""
+
+LEFT_SHARE = 0.03
+"""Share of the first box that must have been the object's and show ground now."""
+
+LEFT_TO_GROUND, LEFT_AS_BEGUN = 0.9, 0.4
+"""Shares of the pixels that were the object's: at least so many must look as the ground, and at most so many as in
+the first frame."""
