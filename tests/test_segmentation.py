@@ -241,6 +241,8 @@ def snapshot(value: Any) -> Any:
         return value.tobytes()
     if dataclasses.is_dataclass(value):
         return {f.name: snapshot(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, tuple):
+        return [snapshot(each) for each in value]
     return value
 
 
