@@ -189,7 +189,7 @@ def _otb_readers(folder: Path) -> Readers:
 
 def _vot(folder: Path) -> Sequence:
     images = _images_in(folder / "color" if (folder / "color").is_dir() else folder)
-    boxes, regions = read_box_file(folder / "groundtruth.txt", first=0, count=len(images))
+    boxes, regions = read_box_file(folder / "groundtruth.txt", first=0, count=len(images), regions=True)
     return _from_images(folder.name, folder, images, boxes, None, regions=regions)
 
 
@@ -335,7 +335,7 @@ def _name_of(video: Path) -> str:
 
 def _read_video(video: Path, box_file: Path) -> Sequence:
     frames, size = _count_frames(video)
-    boxes, regions = read_box_file(box_file, first=0, count=frames)
+    boxes, regions = read_box_file(box_file, first=0, count=frames, regions=True)
     count = _common_count(_name_of(video), frames, len(boxes))
     return _from_video(_name_of(video), video, boxes[:count], None, box_file.parent, size, regions[:count])
 

@@ -82,7 +82,7 @@ class BoxFile(NamedTuple):
     regions: tuple[str, ...]
 
 
-def read_box_file(path: Path, *, first: int, count: int | None = None) -> BoxFile:
+def read_box_file(path: Path, *, first: int, count: int | None = None, regions: bool = False) -> BoxFile:
     """Read a text file of boxes: one line per frame, separated by commas, tabs, semicolons or spaces.
 
     Parameters
@@ -93,31 +93,33 @@ def read_box_file(path: Path, *, first: int, count: int | None = None) -> BoxFil
     count : int, optional
         Number of frames. Empty lines at the end stand for frames as far as there are any; without a number they are
         the end of the file.
+    regions : bool, optional
+        Whether there may be polygons and masks, as in VOT. Elsewhere eight numbers are four with decimal commas.
 
     Returns
     -------
     BoxFile
-        Lines of 8 numbers are polygons, lines that begin with m masks. Lines that are empty, hold a NaN or a box
-        without area have no box.
+        Of `regions` lines of 8 numbers are polygons, lines that begin with m masks. Lines that are empty, hold a NaN
+        or a box without area have no box.
 
     Raises
     ------
     SequenceError
-        Naming the line that holds neither 4 nor 8 numbers, and what it holds.
+        Naming the line that holds something else, and what it holds.
     """
     lines = read_text(path).splitlines()
     while lines and not lines[-1].strip() and len(lines) > (count or 0):
         lines.pop()
-    read = [_read_box(line, f"{path}:{number}", first) for number, line in enumerate(lines, start=1)]
+    read = [_read_box(line, f"{path}:{number}", first, regions) for number, line in enumerate(lines, start=1)]
     found = np.array([box for box, _ in read], dtype=np.float64).reshape(-1, 4)
     there = np.asarray(np.isfinite(found).all(axis=1) & (found[:, 2:] > 0).all(axis=1))
     found[~there] = np.nan
     return BoxFile(found, tuple(text if known else "" for (_, text), known in zip(read, there.tolist(), strict=True)))
 
 
-def _read_box(line: str, where: str, first: int) -> tuple[tuple[float, ...], str]:
+def _read_box(line: str, where: str, first: int, regions: bool) -> tuple[tuple[float, ...], str]:
     """Box of a line, and the text of its region; NaN and nothing where it holds none."""
-    if line.lstrip()[:1] in ("m", "M"):
+    if regions and line.lstrip()[:1] in ("m", "M"):
         return _read_mask(line.strip()[1:], where)
     words = _words(line.strip(), where)
     if not words:
@@ -125,10 +127,9 @@ def _read_box(line: str, where: str, first: int) -> tuple[tuple[float, ...], str
     wrong = [word for word in words if not (_is_number(word) or _ABSENT.match(word))]
     if wrong:
         raise SequenceError(f"{where}: expected numbers, got {wrong[0]!r} in {line.strip()!r}")
-    if len(words) not in (4, 8):
-        raise SequenceError(
-            f"{where}: expected 4 numbers or a polygon of 8, got {len(words)} in {line.strip()[:80]!r}"
-        )
+    if len(words) not in ((4, 8) if regions else (4,)):
+        expected = "4 numbers or a polygon of 8" if regions else "4 numbers"
+        raise SequenceError(f"{where}: expected {expected}, got {len(words)} in {line.strip()[:80]!r}")
     if any(_ABSENT.match(word) for word in words):
         return (np.nan,) * 4, ""
     # In decimals, so that what was written as x + 1 comes back as x to the last bit.

@@ -78,7 +78,7 @@ def test_polygons_have_their_bounding_box(tmp_path: Path) -> None:
     """VOT's eight numbers are x, y of four corners, which are kept beside it."""
     path = tmp_path / "groundtruth.txt"
     path.write_text("10,20,30,10,50,20,30,40\n")
-    found = read_box_file(path, first=0)
+    found = read_box_file(path, first=0, regions=True)
     assert_allclose(found.boxes, [[10, 10, 40, 30]])
     assert found.regions == ("10.0,20.0,30.0,10.0,50.0,20.0,30.0,40.0",)
 
@@ -88,15 +88,16 @@ def test_polygons_have_their_bounding_box(tmp_path: Path) -> None:
     [
         (
             "1,2,3\n1,2,3,4\n1,2,3,4",
-            r"_rect.txt:1: expected 4 numbers or a polygon of 8, got 3 in '1,2,3'",
+            r"_rect.txt:1: expected 4 numbers, got 3 in '1,2,3'",
         ),
         ("1,2,3,4\n1,two,3,4\n1,2,3,4", r"groundtruth_rect.txt:2: expected numbers, got 'two' in '1,two,3,4'"),
         (
             "1,1,100,200,30,40,1,-1,-1,-1\n" * 3,
-            r"_rect.txt:1: expected 4 numbers .*, got 10 in '1,1,100",
+            r"_rect.txt:1: expected 4 numbers, got 10 in '1,1,100",
         ),
-        ("0 " * 16 + "\n", r"_rect.txt:1: expected 4 numbers or a polygon of 8, got 16"),
-        ("1,2,3,4\n" + "1,2,3,4,5,6,7,8,9,10,11,12\n" * 2, r"_rect.txt:2: expected 4 numbers .*, got 12"),
+        ("0 " * 16 + "\n", r"_rect.txt:1: expected 4 numbers, got 16"),
+        ("1,2,3,4\n1,5,2,5,3,5,4,5\n1,2,3,4", r"_rect.txt:2: expected 4 numbers, got 8 in '1,5,2,5,3,5,4,5'"),
+        ("1,2,3,4\n" + "1,2,3,4,5,6,7,8,9,10,11,12\n" * 2, r"_rect.txt:2: expected 4 numbers, got 12"),
         ("10,5 20,0 30,1 40,2\n" * 3, r"_rect.txt:1: expected a decimal point, got decimal commas in '10,5 20,0 30"),
         ("10,5;20,0;30,1;40,2\n" * 3, r"_rect.txt:1: expected a decimal point, got decimal commas"),
         ("10,5\t20,0\t30,1\t40,2\n" * 3, r"_rect.txt:1: expected a decimal point, got decimal commas"),
