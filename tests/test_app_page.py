@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("nicegui")
 
 from hs_tracker_cv.app.page import DRAG, WAITING, Page
+from hs_tracker_cv.geometry import Box
 from hs_tracker_cv.video import VideoError
 
 
@@ -272,3 +273,22 @@ def test_panels_of_a_video_that_was_closed_meanwhile_are_no_error() -> None:
                 PanelGrid._panels(grid, ["Fx"])
         else:
             assert PanelGrid._panels(grid, ["Fx"]) == {}
+
+
+def test_where_a_box_was_drawn_there_the_page_stays() -> None:
+    """Though it was on its way, and further by the time at which the box is taken."""
+    goals: list[int] = []
+
+    async def change(_: Any) -> bool:
+        return True
+
+    async def pursue(goal: int) -> None:
+        goals.append(goal)
+
+    page = _page(change=change, pursue=pursue)
+    page.shown = types.SimpleNamespace(moment=types.SimpleNamespace(index=5))
+    page.controls = types.SimpleNamespace(several=types.SimpleNamespace(value=False))
+    page.session = types.SimpleNamespace(opened=True, index=7, start=None, names=["TrackerHS"])
+    asyncio.run(Page._boxed(page, Box(1, 2, 30, 40)))
+    assert goals == [5]
+    assert page.hint.text == "box 1, 2, 30, 40 at frame 5"

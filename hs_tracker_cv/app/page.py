@@ -380,7 +380,8 @@ class Page:
             idle = "" if self.session.names else ": choose a tracker to follow it"
             self.hint.set_text(f"box {', '.join(f'{side:g}' for side in whole)} at frame {seen.index}{idle}")
             self.picker.clear()
-            await self.catch_up()
+            # Back, if it was on its way and a step further already.
+            await self.pursue(seen.index)
 
     async def _clicked(self, x: float, y: float) -> None:
         proposed = self.picker.proposed_at(x, y)
