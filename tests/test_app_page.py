@@ -288,7 +288,7 @@ def test_where_a_box_was_drawn_there_the_page_stays() -> None:
     page = _page(change=change, pursue=pursue)
     page.shown = types.SimpleNamespace(moment=types.SimpleNamespace(index=5))
     page.controls = types.SimpleNamespace(several=types.SimpleNamespace(value=False))
-    page.session = types.SimpleNamespace(opened=True, index=7, start=None, names=["TrackerHS"])
+    page.session = types.SimpleNamespace(opened=True, index=7, start=lambda *_: None, names=["TrackerHS"])
     asyncio.run(Page._boxed(page, Box(1, 2, 30, 40)))
     assert goals == [5]
     assert page.hint.text == "box 1, 2, 30, 40 at frame 5"
