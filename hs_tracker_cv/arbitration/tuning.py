@@ -92,7 +92,7 @@ and of the segment's own score, of the agreement, and of the doubt."""
 LEAST_ODDS, MOST_ODDS = 0.02, 0.98
 """Chances below and above which it makes no difference."""
 
-LEFT_AGREEMENT, LEFT_SCORE, LEFT_DOUBT = 0.75, 0.85, 0.5
+LEFT_AGREEMENT, LEFT_SCORE, LEFT_DOUBT = 0.75, 0.5, 0.5
 """Agreement below which, score of the segment above which and doubt below which it is asked whether the object has
 left the carried box: where that holds only ground, it is begun anew. On `drawn:117:73111`, `95940` and `99498`."""
 

@@ -60,7 +60,7 @@ def has_left(state: SegmentationState, box: Box) -> bool:
     """Tell whether the object has gone from a box that has stayed with the ground.
 
     Pixels of the first box in whose place known ground looks otherwise were the object's. Where most of them look as
-    the ground does, and hardly any as in the first frame, the object is no longer in `box`. Nothing is told of a box
+    the ground does, and hardly any as in the first frame only, the object is no longer in `box`. Nothing is told of a box
     that has moved over the ground, nor where the object's place is not uncovered yet.
 
     Parameters
@@ -89,7 +89,7 @@ def has_left(state: SegmentationState, box: Box) -> bool:
     return bool(
         uncovered >= tuning.LEFT_SHARE * told.size
         and np.count_nonzero(as_ground) > tuning.LEFT_TO_GROUND * count
-        and np.count_nonzero(as_begun) < tuning.LEFT_AS_BEGUN * count
+        and np.count_nonzero(as_begun & ~as_ground) < tuning.LEFT_THERE * uncovered
     )
 
 

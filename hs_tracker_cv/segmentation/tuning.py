@@ -339,6 +339,9 @@ LEFT_DIFFERENCE, LEFT_NOISE = 4.0, 1.5
 LEFT_SHARE = 0.03
 """Share of the first box that must have been the object's and show ground now."""
 
-LEFT_TO_GROUND, LEFT_AS_BEGUN = 0.9, 0.4
-"""Shares of the pixels that were the object's: at least so many must look as the ground, and at most so many as in
-the first frame."""
+LEFT_TO_GROUND = 0.7
+"""Share of the pixels that were the object's which must look as the ground."""
+
+LEFT_THERE = 0.2
+"""Pixels that look as in the first frame and not as the ground, at most so many times those of which the reverse is
+true."""
