@@ -60,8 +60,8 @@ def has_left(state: SegmentationState, box: Box) -> bool:
     """Tell whether the object has gone from a box that has stayed with the ground.
 
     Pixels of the first box in whose place known ground looks otherwise were the object's. Where most of them look as
-    the ground does, and hardly any as in the first frame only, the object is no longer in `box`. Nothing is told of a box
-    that has moved over the ground, nor where the object's place is not uncovered yet.
+    the ground does, and hardly any as in the first frame only, the object is no longer in `box`. Nothing is told of a
+    box that has moved over the ground, nor where the object's place is not uncovered yet.
 
     Parameters
     ----------
