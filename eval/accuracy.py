@@ -34,7 +34,7 @@ from .worker import Arrays
 __all__ = [
     "TRACK",
     "Job",
-    "check_factory",
+    "check_factories",
     "hidden_paths",
     "make_jobs",
     "open_request",
@@ -149,6 +149,7 @@ def run_jobs(
     KeyboardInterrupt
         Passed on after ending the running processes.
     """
+    limits = limits or Limits()
     versions = {job.tracker.name: code_version(job.tracker) for job in jobs}
     waiting, notes = [], {}
     for job in jobs:
@@ -160,9 +161,11 @@ def run_jobs(
             waiting.append(Keyed(job, key))
             notes[key] = note
     if not dask:
-        _check_factories([one.job for one in waiting], limits or Limits(), folder.path)
+        trackers = {one.job.tracker.name: one.job.tracker for one in waiting}
+        sequences = {one.job.sequence.name: one.job.sequence for one in waiting}
+        check_factories(trackers.values(), sequences.values(), limits, folder.path)
     batches = [
-        Batch(part, versions[part[0].job.tracker.name], limits or Limits(), folder.path.absolute())
+        Batch(part, versions[part[0].job.tracker.name], limits, folder.path.absolute())
         for part in _batched(waiting, workers)
     ]
     with closing(in_parallel(_run_batch, batches, workers=workers, dask=dask)) as found:
@@ -171,30 +174,27 @@ def run_jobs(
             report(run, False, notes[run.key])
 
 
-def check_factory(tracker: TrackerSpec, limits: Limits, hidden: Iterable[Path]) -> None:
-    """Refuse a tracker ``pkg.module:factory`` whose factory is not there, before it has failed on every sequence.
+def check_factories(
+    trackers: Iterable[TrackerSpec], sequences: Iterable[Sequence], limits: Limits, results: Path
+) -> None:
+    """Refuse trackers ``pkg.module:factory`` whose factory is not there, before they have failed on every sequence.
 
-    The module is loaded in a process of its own, as it is for a run.
+    A module is loaded in a process of its own, as it is for a run; what lies with the sequences and in the folder of
+    results is hidden from it.
 
     Raises
     ------
     ValueError
-        With the reason.
+        Naming the first that cannot be used, with the reason.
     """
-    if ":" not in tracker.name:
-        return
-    with Child(TRACK, with_parameters(limits, tracker), hidden=hidden) as child:
-        try:
-            child.ask({"do": "find", "factory": tracker.factory})
-        except ChildError as error:
-            raise ValueError(f"the tracker {tracker.name!r} cannot be used: it {error}") from error
-
-
-def _check_factories(jobs: list[Job], limits: Limits, results: Path) -> None:
-    trackers = {job.tracker.name: job.tracker for job in jobs}
-    hidden = sorted({path for job in jobs for path in hidden_paths(job.sequence, results)})
-    for tracker in trackers.values():
-        check_factory(tracker, limits, hidden)
+    own = [tracker for tracker in trackers if ":" in tracker.name]
+    hidden = sorted({path for sequence in sequences for path in hidden_paths(sequence, results)}) if own else []
+    for tracker in own:
+        with Child(TRACK, with_parameters(limits, tracker), hidden=hidden) as child:
+            try:
+                child.ask({"do": "find", "factory": tracker.factory})
+            except ChildError as error:
+                raise ValueError(f"the tracker {tracker.name!r} cannot be used: it {error}") from error
 
 
 class Keyed(NamedTuple):

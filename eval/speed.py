@@ -12,7 +12,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from .accuracy import TRACK, Job, check_factory, hidden_paths, open_request, with_parameters
+from .accuracy import TRACK, Job, check_factories, hidden_paths, open_request, with_parameters
 from .clock import Clock, UntrueTimeError
 from .process import Child, ChildError, KilledError, Limits, isolation
 from .protocols import start_box
@@ -71,16 +71,14 @@ def measure_speed(
     Raises
     ------
     ValueError
-        If `block` is none, or the factory of a tracker is not there.
+        If `block` is below 1, or the factory of a tracker is not there.
     """
     if block < 1:
         raise ValueError(f"expected a block of at least one update, got {block}")
     limits = limits or Limits()
     versions = [code_version(tracker) for tracker in trackers]
     workers: dict[str, tuple[Child, Clock]] = {}
-    hidden = sorted({path for sequence in sequences for path in hidden_paths(sequence, folder.path)})
-    for tracker in trackers:
-        check_factory(tracker, limits, hidden)
+    check_factories(trackers, sequences, limits, folder.path)
     try:
         for sequence in sequences:
             counts = warm_up, frames, block
