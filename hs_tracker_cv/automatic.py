@@ -13,7 +13,7 @@ from .geometry import Box, iou
 from .movers import Mover, MoverFinder
 from .multi import MultiTrackerHS
 from .params import TrackerHS_Params
-from .scalars import as_int
+from .scalars import as_count
 from .tracker import TrackerHS, TrackerState
 
 __all__ = ["AutomaticTracker", "Followed"]
@@ -118,11 +118,8 @@ class AutomaticTracker:
         most: int | None = None,
         detector: DetectorParams | None = None,
     ) -> None:
-        most = None if most is None else as_int("most", most)
-        if most is not None and most < 1:
-            raise ValueError(f"expected most of at least 1 or None, got {most!r}")
         self._parameters = parameters
-        self._most = most
+        self._most = None if most is None else as_count("most", most)
         self._finder = MoverFinder(detector)
         self._multi = MultiTrackerHS()
         self._lives: dict[int, _Life] = {}

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from .frames import as_frame, crop, fixed_errstate
 from .geometry import Box
-from .scalars import as_int
+from .scalars import as_count
 from .validation import shown
 
 __all__ = [
@@ -520,11 +520,11 @@ def draw(
     Raises
     ------
     TypeError
-        If `fields` is none of these, or a number is none.
+        If `fields` is none of these, or `width` or `columns` is not a whole number.
     ValueError
         If there is no such panel, or none is asked for; or a number is below 1.
     """
-    width, columns = (_at_least_one(name, side) for name, side in (("width", width), ("columns", columns)))
+    width, columns = (as_count(name, side) for name, side in (("width", width), ("columns", columns)))
     if not hasattr(fields, "current"):
         raise TypeError(
             "expected the result of PaperMethod.calc or TrackerHS.debug(), or MotionDetector.fields, which is None "
@@ -549,13 +549,6 @@ def draw(
         **_field_tiles(fields, None, "tracking", size),
     }
     return _grid([pictures_of[name] for name in chosen], columns)
-
-
-def _at_least_one(name: str, value: int) -> int:
-    number = as_int(name, value)
-    if number < 1:
-        raise ValueError(f"expected {name} of at least 1, got {number}")
-    return number
 
 
 def _has_stages(fields: FlowFields) -> TypeGuard[StageFields]:

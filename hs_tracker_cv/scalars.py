@@ -12,11 +12,11 @@ import numpy as np
 
 from .validation import shown
 
-__all__ = ["as_bool", "as_float", "as_int", "make_plain", "plain"]
+__all__ = ["as_bool", "as_count", "as_float", "as_int", "make_plain", "plain"]
 
 
 def as_float(name: str, value: Any) -> float:
-    """Real number; a bool is none, nor is an array.
+    """Return a real number as a float; a bool or an array is not one.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def as_float(name: str, value: Any) -> float:
 
 
 def as_int(name: str, value: Any) -> int:
-    """Whole number; 3.0 and True are none.
+    """Return a whole number as an int; 3.0 and True are not whole numbers here.
 
     Raises
     ------
@@ -51,8 +51,22 @@ def as_int(name: str, value: Any) -> int:
     return number
 
 
+def as_count(name: str, value: Any) -> int:
+    """Return a whole number of at least 1.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `as_int`; ValueError also if it is less.
+    """
+    number = as_int(name, value)
+    if number < 1:
+        raise ValueError(f"expected {name} of at least 1, got {number}")
+    return number
+
+
 def as_bool(name: str, value: Any) -> bool:
-    """Either of the two; 0 and 1 are numbers.
+    """Return True or False as a bool; 0 and 1 are numbers.
 
     Raises
     ------

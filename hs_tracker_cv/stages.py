@@ -59,7 +59,7 @@ class StageParams:
     Raises
     ------
     TypeError, ValueError
-        If a number is none, or out of range.
+        If a value that should be a number is not one, or is out of range.
     """
 
     mode: Mode = "classic"

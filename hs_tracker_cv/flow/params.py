@@ -73,7 +73,7 @@ class FlowParams:
     Raises
     ------
     TypeError
-        If a number is none; NumPy's become Python's.
+        If a value that should be a number is not one; NumPy's numbers become Python's.
     ValueError
         If a value is out of range; the message names it.
     """
