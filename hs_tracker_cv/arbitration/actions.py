@@ -91,13 +91,11 @@ def run_both(turn: Turn) -> Turn:
         if segmented and segmented.estimate.ok:
             carried = turn.rooms.patch_tracker.turned(carried, segmented.turn)
         carried = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options, near=turn.near)
-    event = Event.RAN
+    left = False
     if segmented and carried:
         choice = choice.asked(carried.estimate.score, agreement(segmented.estimate.box, carried.estimate.box))
-        seen = segmented.estimate.ok and not segmented.estimate.occluded
-        if seen and choice.may_have_left(segmented.estimate.score):
-            stays = turn.rooms.segmentation.has_left(segmented, carried.estimate.box)
-            event = Event.LEFT if stays else Event.RAN
+        left = _has_left(turn, choice, segmented, carried.estimate.box)
+    event = Event.LEFT if left else Event.RAN
     return turn._replace(segmentation=segmented, patch_tracker=carried, choice=choice, event=event)
 
 
@@ -111,8 +109,7 @@ def begin_teaching(turn: Turn) -> Turn:
 def teach(turn: Turn) -> Turn:
     """Show the patch tracker where segmentation sees the object: over other ground in every frame."""
     segmented, carried = _both(turn)
-    box = segmented.estimate.box
-    carried = turn.rooms.patch_tracker.teach(carried, turn.frame, box, turn.track.options)
+    carried = turn.rooms.patch_tracker.teach(carried, turn.frame, segmented.estimate.box, turn.track.options)
     return turn._replace(patch_tracker=carried, event=Event.RAN)
 
 
@@ -312,6 +309,14 @@ def _sought(turn: Turn) -> Track:
         overview=turn.overview,
         interrupted=0,
     )
+
+
+def _has_left(turn: Turn, choice: Choice, segmented: SegmentationState, carried: Box) -> bool:
+    """Whether segmentation sees the object elsewhere, and only ground in the carried box."""
+    seen = segmented.estimate
+    if not seen.ok or seen.occluded or not choice.may_have_left(seen.score):
+        return False
+    return turn.rooms.segmentation.has_left(segmented, carried)
 
 
 def _is_consistent(turn: Turn, box: Box) -> bool:

@@ -25,7 +25,7 @@ class State(Enum):
     STARTING = auto()
     """Both modes run, each being the other's witness; or there is only one."""
     TEACHING = auto()
-    """So it was, but the patch tracker stayed with the ground: segmentation leads, and teaches it the object."""
+    """Still the first frames, but the patch tracker stayed with the ground: segmentation leads, and teaches it."""
     SEGMENTATION = auto()
     """Segmentation leads; the patch tracker rides on its box."""
     PATCH_TRACKER = auto()

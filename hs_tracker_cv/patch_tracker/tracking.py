@@ -160,7 +160,7 @@ def step(
     if verdict == _GOOD:
         model = _learn(model, means, sampler, g, pose, carried.patch.agreement, max(keys), share, params)
         good_frames += 1
-        peak += max(tuning.PEAK_RATE, 1.0 / good_frames) * (found.seen.height - peak)
+        peak = _followed_peak(peak, found.seen.height, good_frames)
     model = model._replace(located=finders.with_unrest(model.located, found.seen.change))
     # Without `rotation` the turn is only how the object is found: the box stays that of the first frame.
     box = box_at(g, pose if params.rotation else pose._replace(angle=0.0))
@@ -174,6 +174,11 @@ def step(
     return PatchTrackerState(
         g, pose, velocity, model, peak, good_frames, low, persistence, hint, sampler.part, estimate
     )
+
+
+def _followed_peak(peak: float, height: float, good_frames: int) -> float:
+    """Usual height of the filter's peak after one more: its mean at first, which then follows slowly."""
+    return peak + max(tuning.PEAK_RATE, 1.0 / good_frames) * (height - peak)
 
 
 def _followed(
@@ -397,7 +402,7 @@ def ride(state: PatchTrackerState, box: Box) -> PatchTrackerState:
 
 
 def teach(state: PatchTrackerState, frame: Frame, box: Box, params: PatchTrackerParams) -> PatchTrackerState:
-    """Learn the object where other means have found it; as what its place looks like, not how it goes on.
+    """Learn what the object looks like where other means have found it, but not how it moves on.
 
     Parameters
     ----------
@@ -419,7 +424,7 @@ def teach(state: PatchTrackerState, frame: Frame, box: Box, params: PatchTracker
     located = finders.with_unrest(finders.learn(state.model.located, sampler.scene(ridden.pose)), seen.change)
     model = state.model._replace(previous=sampler.fine(ridden.pose).gray, located=located)
     good_frames = state.good_frames + 1
-    peak = state.peak + max(tuning.PEAK_RATE, 1.0 / good_frames) * (seen.height - state.peak)
+    peak = _followed_peak(state.peak, seen.height, good_frames)
     return ridden._replace(model=model, peak=peak, good_frames=good_frames, before=sampler.part)
 
 

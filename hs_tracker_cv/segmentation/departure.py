@@ -79,9 +79,10 @@ def has_left(state: SegmentationState, box: Box) -> bool:
     if math.hypot(x - dx, y - dy) > tuning.STAYED * math.hypot(*moved):
         return False
     unlike = tuning.LEFT_DIFFERENCE * max(state.noise, tuning.LEFT_NOISE)
-    place = _laid(state, begun, dx, dy)
+    ground = translated(state.atlas.image, *state.atlas.offset)
+    place = _laid(state, begun, ground, dx, dy)
     own = place.known & (_difference(place.begun, place.ground) > unlike)
-    there = _laid(state, begun, x, y)
+    there = _laid(state, begun, ground, x, y)
     told = own & there.known
     as_ground = told & (_difference(there.now, there.ground) < unlike)
     as_begun = told & (_difference(there.now, there.begun) < unlike)
@@ -93,13 +94,13 @@ def has_left(state: SegmentationState, box: Box) -> bool:
     )
 
 
-def _laid(state: SegmentationState, begun: Beginning, dx: float, dy: float) -> _Overlay:
-    """The picture of the beginning moved by a distance, lattice px."""
+def _laid(state: SegmentationState, begun: Beginning, ground: Image, dx: float, dy: float) -> _Overlay:
+    """The picture of the beginning moved by a distance, lattice px; `ground` is the background in the window."""
     (h, w), (left, top) = begun.image.shape[:2], state.origin
     x, y = begun.origin[0] + dx - left, begun.origin[1] + dy - top
     column, row = math.floor(x + 0.5), math.floor(y + 0.5)
-    ground, known = translated(state.atlas.image, *state.atlas.offset), state.atlas.counts[0]
-    now, ground, known = (shifted(plane, column, row, (h, w), 0.0) for plane in (state.previous, ground, known))
+    planes = state.previous, ground, state.atlas.counts[0]
+    now, ground, known = (shifted(plane, column, row, (h, w), 0.0) for plane in planes)
     return _Overlay(translated(begun.image, x - column, y - row), now, ground, known >= KNOWN)
 
 
