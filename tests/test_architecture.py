@@ -160,7 +160,7 @@ ABOUT_OTHER_THINGS = {
 
 
 def test_what_is_tested_once_is_no_work_of_opencvs() -> None:
-    """A file of tests marked `once` imports of the library only what does not import cv2, and nobody's tracker."""
+    """A file of tests marked `once` imports nothing that uses cv2, and nobody's tracker, but for the files named."""
     files = [
         path for path in TESTS.glob("test_*.py") if "\npytestmark = pytest.mark.once\n" in path.read_text("utf-8")
     ]

@@ -95,17 +95,9 @@ def test_answers_are_read_as_in_our_own_runs(
     video: tuple[Frames, Boxes], blinking: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A rotated box is the box round it; what is none keeps the last one, and the experiment goes on."""
-    follower, answers = (
-        Follower(blinking),
-        iter(
-            [
-                (True, (5, 5, 15, 5, 15, 20, 5, 20)),
-                (True, ((40.0, 30.0), (20.0, 10.0), 0.0)),
-                (True, (np.nan,) * 4),
-                (True, (1, 2)),
-            ]
-        ),
-    )
+    follower = Follower(blinking)
+    boxes = ((5, 5, 15, 5, 15, 20, 5, 20), ((40.0, 30.0), (20.0, 10.0), 0.0), (np.nan,) * 4, (1, 2))
+    answers = iter([(True, box) for box in boxes])
     monkeypatch.setattr(_Blinking, "update", lambda self, image: next(answers))
     follower.init(video[0][0], (10.0, 20.0, 30.0, 40.0))
     found = [follower.update(video[0][1]) for _ in range(4)]

@@ -96,10 +96,10 @@ class Page:
     def __init__(self, session: Session, *, opens: bool) -> None:
         self.session = session
         self.goal: int | None = None
-        self.asked = 0
-        self.moving = asyncio.Lock()
-        self.turn = asyncio.Lock()
-        self.finder: MoverFinder | None = None
+        self.asked = 0  # how often a frame has been asked for
+        self.moving = asyncio.Lock()  # held on the way to a frame, or to the first mover
+        self.turn = asyncio.Lock()  # held by one change after the other
+        self.finder: MoverFinder | None = None  # of the search for the first mover that goes on
         self.playing = False
         self.left = False
         self.due = 0.0
