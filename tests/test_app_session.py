@@ -427,8 +427,11 @@ def test_the_program_finds_the_same_boxes(session: Session, square: tuple[Path, 
     session.start(boxes[2])
     session.go_to(COUNT - 1)
     session.go_to(5)
-    code = snippet(session, "square.mkv")
+    seen = _now(session)
+    code = snippet(session, seen, "square.mkv")
     assert repr(str(path)) in code
+    session.go_to(6)
+    assert snippet(session, seen, "square.mkv") == code  # of what was seen, wherever the session is by now
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(code, {})
@@ -462,7 +465,7 @@ def test_the_program_of_the_demo_runs() -> None:
     session.go_to(2)
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(snippet(session, DEMO).replace("elif index > 0:", "elif 0 < index < 3:"), {})
+        exec(snippet(session, _now(session), DEMO).replace("elif index > 0:", "elif 0 < index < 3:"), {})
     lines = printed.getvalue().splitlines()
     assert lines[0].startswith("2 (480, 640, 2) ")
     assert lines[1:] == [f"{step.index} {step.box} {step.score}" for step in session.tracks[0].steps[1:]]

@@ -83,16 +83,18 @@ def panels_png(session: Session, seen: Moment, names: list[str]) -> bytes:
     return cv2.imencode(".png", tiles)[1].tobytes()
 
 
-def snippet(session: Session, name: str) -> str:
+def snippet(session: Session, seen: Moment, name: str) -> str:
     """A Python program that finds the same boxes and computes the same panels.
 
     Parameters
     ----------
     session : Session
+    seen : Moment
+        Whose frame and tracks the program is about.
     name : str
         Of the source on the page.
     """
-    ours = [track for track in session.tracks if track.name == OURS]
+    ours = [track for track in seen.tracks if track.name == OURS]
     names = ["TrackerHS", "TrackerHS_Params"] if any(_parameters(track) for track in ours) else ["TrackerHS"]
     demo = name == DEMO
     lines = [f"from hs_tracker_cv import {', '.join(names)}"] if ours else []
@@ -107,7 +109,7 @@ def snippet(session: Session, name: str) -> str:
         "",
         "",
         "# the paper's method from the frame before to the one shown",
-        *_paper(session.index, session.stage_params),
+        *_paper(seen.index, session.stage_params),
     ]
     for track in ours:
         lines += ["", *_following(track)]
