@@ -188,6 +188,11 @@ def _without_memory(counts_of: Any) -> Any:
     return unseen
 
 
+def _never(_: Any) -> Any:
+    """A question that is always answered with no."""
+    return lambda *_: False
+
+
 def _never_occluded(updated: Any) -> Any:
     """Nothing is ever in front of the object; out of sight it can still be."""
 
@@ -324,6 +329,11 @@ ABLATIONS: dict[str, Ablation] = {
         "redetection",
         "watching the whole frame after a loss",
         (Cut("redetection", "target_of", lambda _: lambda state, known: None),),
+    ),
+    "no-teaching": Ablation(
+        "arbitration",
+        "the carried box begun anew where the object has left it",
+        (Cut("arbitration.actions", "_has_left", _never),),
     ),
     "segmentation-only": Ablation("arbitration", "the carried box: segmentation always", mode="segmentation"),
     "patch-tracker-only": Ablation("arbitration", "segmentation: the carried box always", mode="patch_tracker"),

@@ -179,7 +179,12 @@ def measure_evidence(state: SegmentationState, window: Window, expected: Expecte
 
 def _scene(window: Window, expected: Expected, moves: motion.Moves) -> kernels.Scene:
     """Put this frame and the images that explain it together."""
-    return kernels.Scene(window.image, window.inside, expected.moved, expected.background, moves.atlas.counts)
+    return kernels.Scene(window.image, window.inside, expected.moved, expected.background, _counts(moves))
+
+
+def _counts(moves: motion.Moves) -> NDArray[np.float32]:
+    """How well the evidence may take the background to be known."""
+    return moves.atlas.counts
 
 
 def _likelihood(state: SegmentationState, window: Window, moves: motion.Moves) -> kernels.Likelihood:
