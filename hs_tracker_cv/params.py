@@ -59,6 +59,10 @@ class TrackerHS_Params:  # cv2's own naming: TrackerCSRT_Params
         _check_range(name, value)
         object.__setattr__(self, name, value)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Of a class with slots pickle's oldest protocols know nothing by themselves.
+        return type(self).from_dict, (self.to_dict(),)
+
     def to_dict(self) -> dict[str, Any]:
         """All fields by name."""
         return asdict(self)

@@ -189,7 +189,12 @@ def _check_array(value: Any, number: Any, extras: tuple[Any, ...], path: str) ->
 
 
 def shown(value: Any) -> str:
-    """`repr` for a message: cut where it is long, and no error of its own (an int of 5,000 digits has none)."""
+    """`repr` for a message: cut where it is long, and no error of its own (an int of 5,000 digits has none).
+
+    Of an array its shape and type: its pixels say nothing.
+    """
+    if isinstance(value, np.ndarray) and value.ndim > 1:
+        return f"an array of shape {value.shape}, {value.dtype}"
     try:
         words = repr(value)
     except Exception:

@@ -308,6 +308,16 @@ def test_sizes_may_change_from_call_to_call():
         np.testing.assert_array_equal(solver.calc(*frames), HornSchunck("default").calc(*frames))
 
 
+def test_memory_is_let_go_on_request() -> None:
+    """As cv2's flows do; the next call works as before, in memory of its own."""
+    frames = np.random.default_rng(2).uniform(0, 255, (2, 40, 50))
+    solver = HornSchunck()
+    before = solver.calc(*frames)
+    solver.collectGarbage()
+    assert solver._idle == []
+    np.testing.assert_array_equal(solver.calc(*frames), before)
+
+
 def test_copies_work_and_leave_the_memory_behind():
     """A pickled or copied solver gives the same flow and is small."""
     frames = texture(64, 64), texture(64, 64, 1.0)

@@ -229,6 +229,13 @@ def test_what_is_no_tracker_is_refused_at_once(thing: Any) -> None:
     assert not multi.objects
 
 
+def test_a_frame_for_a_tracker_is_named_by_its_shape() -> None:
+    """Arguments in another order, as `init` has them: the message says what came, and not its pixels."""
+    frames, boxes = moving_square(np.random.default_rng(3), count=1)
+    with pytest.raises(TypeError, match=r"init and update, got an array of shape \(\d+, \d+, 3\), uint8$"):
+        MultiTrackerHS_create().add(frames[0], TrackerHS_create(), boxes[0])  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("create", "roi", "error"),
     [

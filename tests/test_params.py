@@ -24,6 +24,18 @@ def test_defaults_round_trip() -> None:
         assert twin == parameters
 
 
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_every_protocol_of_pickle_goes_on_alike(protocol: int) -> None:
+    """Parameters, and a tracker in mid-track that holds some."""
+    frames = np.random.default_rng(0).integers(0, 255, (4, 90, 120, 3), dtype=np.uint8)
+    tracker = TrackerHS_create(TrackerHS_Params(mode="segmentation"))
+    tracker.init(frames[0], (30, 30, 30, 30))
+    tracker.update(frames[1])
+    twin = pickle.loads(pickle.dumps(tracker, protocol))
+    assert [twin.update(frame) for frame in frames[2:]] == [tracker.update(frame) for frame in frames[2:]]
+    assert pickle.loads(pickle.dumps(TrackerHS_Params(gain=2.0), protocol)) == TrackerHS_Params(gain=2.0)
+
+
 def test_fields_are_mutable_and_compare() -> None:
     """Like cv2's structs, fields are set one by one."""
     parameters = TrackerHS_Params()

@@ -225,6 +225,10 @@ class HornSchunck:
         """Forget the previous frame of :meth:`estimate`."""
         self._previous = None
 
+    def collectGarbage(self) -> None:
+        """Let the memory go that is kept from call to call, as ``cv2.DenseOpticalFlow`` does."""
+        self._idle.clear()
+
     def _calc(self, first: Gray, second: Gray, guess: NDArray[np.float32] | None) -> NDArray[np.float32]:
         """Flow between frames of one size, into the first guess if there is one."""
         started = guess is not None
