@@ -26,6 +26,18 @@ if "HS_FUZZ" not in os.environ:
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "real"
 
+LIKELIHOOD = kernels.segmentation.Likelihood(
+    ground_slope=0.02,
+    object_slope=0.12,
+    channel_weight=1.8,
+    contrast=0.9,
+    occluded=False,
+    noise=2.5,
+    ground_gains=(0.35, 2.5),
+    object_gains=(0.6, 1.7),
+)
+"""Numbers of the likelihoods as the kernels of segmentation take them, for a frame in colour."""
+
 BOX_IOU = 0.9
 """IoU that a box must keep on a textured mover of constructed truth."""
 

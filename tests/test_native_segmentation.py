@@ -10,6 +10,7 @@ import pytest
 
 from hs_tracker_cv._native import kernels
 from hs_tracker_cv._native.kernels import segmentation
+from tests.conftest import LIKELIHOOD
 
 pytestmark = pytest.mark.once
 
@@ -48,16 +49,6 @@ def points() -> np.ndarray:
 
 INVERSE = np.array((1.02, 0.01, -0.3, -0.02, 0.98, 0.6))
 THETA = np.array((0.3, 0.1, -0.1, -0.4, 0.05, 0.1, 1.0, 2.0))
-LIKELIHOOD = segmentation.Likelihood(
-    ground_slope=0.02,
-    object_slope=0.12,
-    channel_weight=1.8,
-    contrast=0.9,
-    occluded=False,
-    noise=2.5,
-    ground_gains=(0.35, 2.5),
-    object_gains=(0.6, 1.7),
-)
 
 
 def image() -> np.ndarray:

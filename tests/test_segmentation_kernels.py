@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hs_tracker_cv._native.kernels import segmentation as kernels
 from hs_tracker_cv.segmentation import colour
+from tests.conftest import LIKELIHOOD
 
 Mask = NDArray[np.uint8]
 H, W = 48, 64
@@ -455,18 +456,6 @@ def test_colours_are_learned_of_object_and_ground() -> None:
         counts[bin_seen] = 1.0
         before = random_histograms()[which]
         np.testing.assert_allclose(found.colours[which], before + 0.1 * (smoothed(counts) - before), atol=1e-7)
-
-
-LIKELIHOOD = kernels.Likelihood(
-    ground_slope=0.02,
-    object_slope=0.12,
-    channel_weight=1.8,
-    contrast=0.9,
-    occluded=False,
-    noise=2.5,
-    ground_gains=(0.35, 2.5),
-    object_gains=(0.6, 1.7),
-)
 
 
 @pytest.mark.parametrize("everywhere", [True, False])

@@ -35,6 +35,7 @@ __all__ = [
     "Peak",
     "Scene",
     "colour_names",
+    "find_and_learn",
     "find_peak",
     "lattice_of",
     "learn",
@@ -250,9 +251,13 @@ def find_peak(finder: Finder, scene: Scene, fade: Fade = NO_FADE) -> Peak:
 def learn(finder: Finder, scene: Scene) -> Finder:
     """Learn one more window with the object in its middle."""
     spectrum, _ = _spectrum(finder, scene)
-    filter_ = np.empty_like(spectrum)
-    _adapt(spectrum, finder.lattice, finder.filter, filter_)
-    return finder._replace(filter=filter_)
+    return _learned(finder, spectrum)
+
+
+def find_and_learn(finder: Finder, scene: Scene) -> tuple[Peak, Finder]:
+    """Say where in a window the object is, and learn that it is in its middle."""
+    spectrum, change = _spectrum(finder, scene)
+    return _respond(finder, spectrum, change, NO_FADE), _learned(finder, spectrum)
 
 
 def with_unrest(finder: Finder, change: float) -> Finder:
@@ -296,6 +301,12 @@ def _respond(finder: Finder, spectrum: F32, change: float, fade: Fade) -> Peak:
     height, value, second, mean, deviation, witness = (height / unit for height in heights)
     response *= np.float32(1.0 / unit)
     return Peak(dx, dy, height, value, second, mean, deviation, witness, change, response)
+
+
+def _learned(finder: Finder, spectrum: F32) -> Finder:
+    filter_ = np.empty_like(spectrum)
+    _adapt(spectrum, finder.lattice, finder.filter, filter_)
+    return finder._replace(filter=filter_)
 
 
 def _adapt(spectrum: F32, lattice: Lattice, old: F32 | None, filter_: F32) -> None:

@@ -420,8 +420,8 @@ def teach(state: PatchTrackerState, frame: Frame, box: Box, params: PatchTracker
     """
     ridden = ride(state, box)
     sampler = Sampler(frame, ridden.geometry, ridden.pose, state.model.templates, state.before)
-    seen = peak_at(ridden, sampler, ridden.pose, ridden.pose, 0.0).seen
-    located = finders.with_unrest(finders.learn(state.model.located, sampler.scene(ridden.pose)), seen.change)
+    seen, located = finders.find_and_learn(state.model.located, sampler.scene(ridden.pose))
+    located = finders.with_unrest(located, seen.change)
     model = state.model._replace(previous=sampler.fine(ridden.pose).gray, located=located)
     good_frames = state.good_frames + 1
     peak = _followed_peak(state.peak, seen.height, good_frames)

@@ -18,8 +18,6 @@ namespace {
 
 using Unlocked = nb::gil_scoped_release;
 
-constexpr Index MOST_REACH = 1 << 16; // px
-
 const SegmentationKernels &kernels() { return level().segmentation; }
 
 // ---- shapes ----

@@ -10,9 +10,6 @@ using namespace nb::literals;
 namespace hs {
 namespace {
 
-constexpr Index MOST_REACH = 1 << 16; // px
-constexpr Index MOST_STEPS = 1000;
-
 Weighing checked_weighing(int value, const Byte *shown) {
     checked_count(value, "weighing", 0, 2);
     const auto weighing = static_cast<Weighing>(value);

@@ -23,6 +23,9 @@ using NumbersOut = Array<double, 1>;
 using Pair2 = std::array<double, 2>;
 using GridNumbers = std::array<double, 4>;
 
+constexpr Index MOST_REACH = 1 << 16; // px
+constexpr Index MOST_STEPS = 1000;
+
 [[noreturn]] void refuse(const std::string &message);
 
 // ValueError unless it is a window's.
@@ -283,7 +286,7 @@ class BoundRegistration {
   public:
     BoundRegistration(Handle prior, double scale, double ceiling, double stiffness, Index steps)
         : prior_(prior, "prior", {THETA}), scale_(scale), ceiling_(ceiling), stiffness_(stiffness),
-          steps_(checked_count(steps, "steps", 0, 1000)) {}
+          steps_(checked_count(steps, "steps", 0, MOST_STEPS)) {}
     Registration view() const { return {prior_.data(), scale_, ceiling_, stiffness_, steps_}; }
 
   private:
