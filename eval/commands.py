@@ -24,6 +24,7 @@ from .options import (
     Out,
     Paths,
     Scenes,
+    StoredSuite,
     Suite,
     SuiteName,
     Suites,
@@ -189,19 +190,18 @@ def speed(
 
 def report(
     *,
-    out: Out = Path("results"),
-    only: str | None = None,
+    suite: StoredSuite = None,
+    dataset: Dataset = None,
     chosen: str = "TrackerHS",
     trackers: tuple[str, ...] | None = None,
     videos: Annotated[int, at_least(0)] = 0,
     shown: tuple[str, ...] = (),
+    out: Out = Path("results"),
 ) -> None:
     """Turn stored results into tables, plots, an HTML report and a page per sequence. Runs no tracker.
 
     Parameters
     ----------
-    only
-        One suite or data set of them, by the name of its folder.
     chosen
         Tracker that is compared with the others.
     trackers
@@ -211,20 +211,27 @@ def report(
     shown
         Trackers whose boxes are drawn; the chosen one and the best other one by default.
     """
-    folders = [out / only] if only else sorted(path.parent for path in out.glob("*/run.json"))
-    if not folders:
-        raise SequenceError(f"no results in {out}: run `python -m eval run` first")
-    for path in folders:
-        folder = Folder(path)
-        summary = summarise_folder(folder, chosen=chosen, trackers=None if trackers is None else list(trackers))
-        write_tables(summary, path / "tables")
-        write_figures(summary, path / "plots")
-        write_report(summary, folder, path / "report.html", videos=videos, shown=shown)
-        if len(summary.themes):
-            for table, title in _details(summary):
-                _console.print(console_table(table, title))
-        _console.print(console_table(brief_table(summary), summary.source, bold=summary.chosen))
-        _console.print(f"report: {(path / 'report.html').resolve()}", soft_wrap=True)
+    for folder in _stored(out, suite, dataset):
+        _report(folder, chosen, trackers, videos, shown)
+
+
+def _report(
+    folder: Folder,
+    chosen: str = "TrackerHS",
+    trackers: tuple[str, ...] | None = None,
+    videos: int = 0,
+    shown: tuple[str, ...] = (),
+) -> None:
+    summary = summarise_folder(folder, chosen=chosen, trackers=None if trackers is None else list(trackers))
+    write_tables(summary, folder.path / "tables")
+    write_figures(summary, folder.path / "plots")
+    page = folder.path / "report.html"
+    write_report(summary, folder, page, videos=videos, shown=shown)
+    if len(summary.themes):
+        for table, title in _details(summary):
+            _console.print(console_table(table, title))
+    _console.print(console_table(brief_table(summary), summary.source, bold=summary.chosen))
+    _console.print(f"report: {page.resolve()}", soft_wrap=True)
 
 
 def bench(
@@ -247,7 +254,7 @@ def bench(
     folder, found = _open(out, suite, None)
     _run_with_progress(specs, found, folder, jobs, Limits(), 0, False)
     _speed_with_progress(specs, found, folder, Limits(60.0))
-    report(out=out, only=folder.path.name)
+    _report(folder)
 
 
 def sweep(
@@ -365,11 +372,30 @@ def check(*, suite: SuiteName = "smoke", tracker: str = "TrackerHS", jobs: Jobs 
 _VERDICTS = {True: "passed", False: "FAILED"}
 
 
+def _stored(out: Path, suite: str | None, dataset: str | None) -> list[Folder]:
+    """Results of a suite or data set, or all that there are in a folder."""
+    found = sorted(path.parent for path in out.glob("*/run.json"))
+    if not found:
+        raise SequenceError(f"no results in {out}: run `python -m eval run` first")
+    _either(suite, dataset)
+    if not suite and not dataset:
+        return [Folder(path) for path in found]
+    source = canonical_dataset(dataset) if dataset else f"suite:{canonical_suite(suite or '')}"
+    folder = _results_of(out, "", source)
+    if folder.place() != _place(source):
+        raise SequenceError(f"no results of {source} in {out}; there are: {', '.join(path.name for path in found)}")
+    return [folder]
+
+
+def _either(suite: str | None, dataset: str | None) -> None:
+    if suite and dataset:
+        raise SequenceError("expected --suite or --dataset, got both")
+
+
 def _load(
     suite: str | None, dataset: str | None, only: tuple[str, ...], frames: int | None
 ) -> tuple[str, list[Sequence]]:
-    if suite and dataset:
-        raise SequenceError("expected --suite or --dataset, got both")
+    _either(suite, dataset)
     only = listed(only)
     name = canonical_suite(suite or "standard")
     if suite not in (None, name):

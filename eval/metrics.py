@@ -46,6 +46,7 @@ __all__ = [
     "clip_boxes",
     "frame_scores",
     "iou_per_frame",
+    "overlap_figures",
     "precision_curve",
     "success_curve",
     "summarise",
@@ -352,6 +353,18 @@ def _share(values: NDArray[np.bool_]) -> float:
     return float(values.mean()) if values.size else float("nan")
 
 
+def overlap_figures(iou: FloatArray) -> dict[str, float]:
+    """Mean, AUC and success rates of the IoU of some frames; NaN without any."""
+    if not iou.size:
+        return dict.fromkeys(("mean_iou", "auc", "sr50", "sr75"), float("nan"))
+    return {
+        "mean_iou": float(iou.mean()),
+        "auc": _area_under(success_curve(iou)),
+        "sr50": _share(iou >= 0.5),
+        "sr75": _share(iou >= 0.75),
+    }
+
+
 def summarise(scores: FrameScores) -> dict[str, float]:
     """Every number of :data:`METRICS` for one trajectory, with its :data:`COUNTS`.
 
@@ -359,13 +372,9 @@ def summarise(scores: FrameScores) -> dict[str, float]:
     """
     visible = scores.visible
     iou = scores.iou[visible]
-    found: dict[str, float] = dict.fromkeys(METRICS, float("nan"))
+    found: dict[str, float] = dict.fromkeys(METRICS, float("nan")) | overlap_figures(iou)
     if iou.size:
         distance, normalised = scores.distance[visible], scores.normalised_distance[visible]
-        found["mean_iou"] = float(iou.mean())
-        found["auc"] = _area_under(success_curve(iou))
-        found["sr50"] = _share(iou >= 0.5)
-        found["sr75"] = _share(iou >= 0.75)
         found["precision20"] = _share(distance <= 20.0)
         found["normalised_precision"] = _share(normalised <= NORMALISED_THRESHOLD)
     for name, values in (("mask_iou", scores.mask_iou), ("rotated_iou", scores.rotated_iou)):

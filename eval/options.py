@@ -9,8 +9,8 @@ import tyro
 from tyro.constructors import PrimitiveConstructorSpec
 
 __all__ = [
-    "Dask", "Dataset", "Datasets", "Jobs", "Models", "Only", "Out", "Paths", "Scenes", "Suite", "SuiteName", "Suites",
-    "Trackers", "at_least", "listed",
+    "Dask", "Dataset", "Datasets", "Jobs", "Models", "Only", "Out", "Paths", "Scenes", "StoredSuite", "Suite",
+    "SuiteName", "Suites", "Trackers", "at_least", "listed",
 ]  # fmt: skip
 
 
@@ -37,6 +37,9 @@ SuiteName = Annotated[str, tyro.conf.arg(help=f"{_SUITE}.")]
 Suite = Annotated[str | None, tyro.conf.arg(help=f'{_SUITE}; "standard" when no data set is given.')]
 _DATASET = "otb:, vot:, got10k:, lasot:, mot:, coco:DIR, video:FILE+BOXFILE or csv:VIDEO+FILE; or the path alone"
 Dataset = Annotated[str | None, tyro.conf.arg(help=f"{_DATASET}.")]
+StoredSuite = Annotated[
+    str | None, tyro.conf.arg(help=f"{_SUITE}; all that has been run when no data set is given, either.")
+]
 Trackers = Annotated[tuple[str, ...], tyro.conf.arg(help="Names, or pkg.module:factory.")]
 Suites = Annotated[tuple[str, ...], tyro.conf.arg(help=f"{_SUITE}; any number.")]
 Datasets = Annotated[tuple[str, ...], tyro.conf.arg(help=f"{_DATASET}; any number.")]

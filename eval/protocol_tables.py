@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from .intervals import jackknife_interval, mean_interval
-from .metrics import FrameScores, summarise
+from .metrics import FrameScores, overlap_figures, summarise
 from .protocols import BURN_IN, ONE_PASS
 from .results import Run
 from .sequences import Sequence
@@ -48,6 +48,11 @@ class _Led:
     def overlap(self) -> FloatArray:
         """What VOT's figures are made of: IoU with the true regions where these are the truth, else with boxes."""
         return self.scores.finest_iou if self.sequence.by_region else self.scores.iou
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Mean, AUC and success rates of that overlap."""
+        return overlap_figures(self.overlap[self.scores.visible])
 
 
 def protocol_tables(runs: Iterable[Run], sequences: Iterable[Sequence]) -> dict[str, pd.DataFrame]:
@@ -251,12 +256,10 @@ def expected_overlap(fragments: list[tuple[FloatArray, bool]], longest: int) -> 
 
 def _realtime_table(found: Mapping[str, list[_Led]], passes: list[_Led]) -> pd.DataFrame:
     """Mean IoU, share of the frames that passed by, and mean IoU in one pass without hurry on the same sequences."""
-    unhurried: dict[tuple[str, str], float] = {
-        (led.run.tracker, led.run.sequence): summarise(led.scores)["mean_iou"] for led in passes
-    }
+    unhurried = {(led.run.tracker, led.run.sequence): led.figures["mean_iou"] for led in passes}
     rows = []
     for tracker, own in found.items():
-        means = pd.DataFrame([{"sequence": led.run.sequence, **summarise(led.scores)} for led in own])
+        means = pd.DataFrame([{"sequence": led.run.sequence, **led.figures} for led in own])
         by_sequence = means.groupby("sequence", sort=False)[["mean_iou", "auc", "sr50"]].mean()
         low, high = _interval(by_sequence["mean_iou"], own)
         dropped = [len(led.run.marks.get("dropped", ())) / (len(led.sequence) - 1) for led in own]

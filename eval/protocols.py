@@ -8,12 +8,14 @@ tracker starts, which frames it is given and what stands for those that it is no
   (moved by a tenth of the size in eight directions; 0.8, 0.9, 1.1 and 1.2 times the size), and up to twenty frames at
   even distances with at least twenty frames to go.
 * *restarts*: as VOT's supervised experiment. An answer that does not touch the object is a failure; five frames later
-  a new tracker starts from the truth, as soon as at least half of the object can be seen. What the object is, a mask
-  or a rotated box says where the truth is one (``Sequence.by_region``).
+  a new tracker starts from the truth, as soon as at least half of the object can be seen.
 * *realtime*: frames come 20 times a second, or as often as ``realtime:FPS`` says, and do not wait, as in VOT. While a
   tracker is busy, frames pass by and its last answer stands; being late is forgiven three times, since what is new
   has to be loaded. Its speed is the processor time of its process as the kernel counts it.
 * *long-term*: one pass, judged as VOT's long-term challenge: is the object there, and how sure is the tracker?
+
+Where the truth is masks or rotated boxes (``Sequence.by_region``), VOT's three (*restarts*, *realtime*, *long-term*)
+judge these, and OTB's two boxes.
 """
 
 from __future__ import annotations

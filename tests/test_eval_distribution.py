@@ -187,7 +187,7 @@ def test_a_distribution_from_the_command_line(
     assert main([*command, "drawn/small:3:5"]) == 0
     assert len(list(kept.iterdir())) == 1
     assert not written & {path.name for path in kept.iterdir()}
-    assert main(["report", "--out", str(tmp_path / "out"), "--only", "drawn-small-5", "--chosen", "MOSSE"]) == 0
+    assert main(["report", "--out", str(tmp_path / "out"), "--suite", "drawn/small:2:5", "--chosen", "MOSSE"]) == 0
     text = (tmp_path / "out" / "drawn-small-5" / "report.html").read_text(encoding="utf-8")
     assert "The worst draws of MOSSE" in text
     assert "Mean IoU per theme" in text

@@ -356,6 +356,29 @@ def test_what_passes_by_has_the_last_answer(
     assert row["dropped"] == pytest.approx((ages > 0).mean())
 
 
+@pytest.mark.parametrize("kind", ["mask", "polygon"])
+def test_real_time_judges_regions_where_these_are_the_truth(kind: str, sequence: Sequence, tmp_path: Path) -> None:
+    """Hurried and in one pass alike, so that the two columns say what the hurry costs; without regions, boxes."""
+    folder, truth = Folder(tmp_path / "results"), without_its_tail(sequence, kind)
+    runs = [run for name in ("realtime", "one-pass") for run, _ in run_all([TRACKERS["Static"]], truth, folder, name)]
+    (row,) = protocol_tables(runs, [truth])["realtime:20"].to_dict("records")
+    assert [row["mean_iou"], row["unhurried"]] == pytest.approx([TAILLESS[1:].mean()] * 2)
+    assert row["sr50"] == (TAILLESS[1:] >= 0.5).mean()
+    boxes = replace(truth, by_region=False)
+    (row,) = protocol_tables(runs, [boxes])["realtime:20"].to_dict("records")
+    assert row["mean_iou"] == pytest.approx(np.mean([max(20 - t, 0) / (20 + t) for t in range(1, COUNT)]))
+
+
+def test_what_passes_by_has_the_last_region(sequence: Sequence, tmp_path: Path) -> None:
+    """The oracle's masks are held with its boxes: against a truth that stands still they are right all the time."""
+    truth = without_its_tail(sequence, "mask")
+    still = replace(truth, boxes=truth.boxes[[0] * COUNT], regions=truth.regions[:1] * COUNT)
+    ((run, _),) = run_all([TRACKERS["Oracle"]], still, Folder(tmp_path / "results"), "realtime:4000")
+    assert len(run.marks["dropped"]) > COUNT / 2
+    (row,) = protocol_tables([run], [still])["realtime:4000"].to_dict("records")
+    assert [row["mean_iou"], row["auc"], row["sr50"]] == [1.0] * 3
+
+
 # --- long term -----------------------------------------------------------------------------------------------------
 
 

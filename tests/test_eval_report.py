@@ -556,7 +556,18 @@ def test_the_whole_way_from_the_command_line(tmp_path: Path, capsys: pytest.Capt
     printed = capsys.readouterr().out
     assert "mean IoU per sequence of otb:" in printed
     assert str(tmp_path / "out" / "otb-data" / "report.html") in printed.replace("\n", "")
-    assert (tmp_path / "out" / "otb-data" / "tables" / "overall.tex").exists()
+    tables = tmp_path / "out" / "otb-data" / "tables"
+    assert (tables / "overall.tex").exists()
+    shutil.rmtree(tables)
+    # A data set is named as it was run, whatever its folder of results is called; also without its kind.
+    assert main(["report", "--out", str(tmp_path / "out"), "--suite", "smoke"]) == 1
+    said = capsys.readouterr().err
+    assert said == f"error: no results of suite:smoke in {tmp_path / 'out'}; there are: otb-data\n"
+    assert main(["report", "--out", str(tmp_path / "out"), "--dataset", f"otb:{tmp_path}"]) == 1
+    assert not tables.exists()
+    for name in (f"otb:{tmp_path / 'data'}", str(tmp_path / "data")):
+        assert main(["report", "--out", str(tmp_path / "out"), "--dataset", name, "--chosen", "Oracle"]) == 0
+        shutil.rmtree(tables)
 
 
 @pytest.mark.parametrize(
@@ -568,6 +579,7 @@ def test_the_whole_way_from_the_command_line(tmp_path: Path, capsys: pytest.Capt
         (["run", "--suite", "smoke", "--sequences", "x"], "error: unknown sequence x in suite:smoke; known: "),
         (["run", "--dataset", "otb:/no/folder"], "error: no such folder: /no/folder"),
         (["report", "--out", "/no/folder"], "error: no results in /no/folder"),
+        (["report", "--out", "/no/folder", "--suite", "smoke"], "error: no results in /no/folder"),
     ],
 )
 def test_errors_are_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -585,7 +597,7 @@ def test_a_damaged_file_of_any_kind_is_one_clear_line(
     path = folder.path / name
     assert path.is_file(), sorted(folder.path.rglob("*.json"))
     path.write_text(content)
-    assert main(["report", "--out", str(folder.path.parent), "--only", folder.path.name]) == 1
+    assert main(["report", "--out", str(folder.path.parent)]) == 1
     said = capsys.readouterr()
     assert said.err.startswith(f"error: {path} is damaged (")
     assert "delete it and run again" in said.err
@@ -602,7 +614,7 @@ def test_a_full_disk_at_the_end_is_one_clear_line(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    assert main(["report", "--out", str(folder.path.parent), "--only", folder.path.name]) == 1
+    assert main(["report", "--out", str(folder.path.parent)]) == 1
     said = capsys.readouterr().err
     assert said.startswith("error: cannot write ")
     assert said.endswith(": No space left on device\n")
