@@ -98,6 +98,27 @@ def test_an_interlaced_video_is_shown_or_refused(tmp_path: Path, name: str) -> N
         assert np.abs(got[5].astype(int) - true[5]).mean() < 12.0
 
 
+@pytest.mark.parametrize("before", [["still", "moving"], ["moving"] * 7, ["moving"] * 3 + ["still", "moving"]])
+def test_a_video_that_becomes_interlaced_is_shown_or_refused(tmp_path: Path, before: list[str]) -> None:
+    """A broadcast changes midway: after hundreds of frames, or after a stretch that really stood still."""
+    frames = moving_square(40)[0]
+    parts = {"still": frames[:1] * 40, "moving": frames}
+    for name, shown in parts.items():
+        encode(tmp_path / f"{name}.ts", shown, "-c:v", "libx264", "-pix_fmt", "yuv420p")
+    encode(tmp_path / "fields.ts", frames, *INTERLACED["h264.ts"])
+    path = tmp_path / "broadcast.ts"
+    path.write_bytes(b"".join((tmp_path / f"{name}.ts").read_bytes() for name in [*before, "fields"]))
+    capture = cv2.VideoCapture(str(tmp_path / "fields.ts"))
+    read: list[Image] = []
+    if np.array_equal(capture.read()[1], capture.read()[1]):
+        with pytest.raises(VideoError, match=r"broadcast\.ts: is interlaced"), open_source(path) as source:
+            _read_into(read, source)
+    else:
+        with open_source(path) as source:
+            _read_into(read, source)
+    assert len(read) >= 40 * len(before)
+
+
 def test_a_still_beginning_is_no_interlacing(tmp_path: Path) -> None:
     """A lossless video that begins with the same frame twice, or is black at first, is read."""
     frames, _ = moving_square(4)

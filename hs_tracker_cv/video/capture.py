@@ -25,7 +25,7 @@ STREAMS = frozenset({"http", "https", "rtmp", "rtmps", "rtp", "rtsp", "rtsps", "
 _LAST_CAMERA = 2**31 - 1  # cv2 takes a C int
 _MOST_FRAMES = 10**9  # live streams announce counts of any size
 _SLACK = 1024  # bytes by which writers are wrong about their own files
-_PROBED = 250  # frames in which a repeated one makes us ask the decoder why
+_RUN = 5  # repeated frames in succession that make us ask the decoder why
 _GAP_SECONDS, _GAP_SHARE = 1.0, 0.1  # an end without frames that is worth a remark
 _GRAY16 = int.from_bytes(b"Y1\x00\x10", "little")
 _TEXT = int.from_bytes(b"ansi", "little")  # what FFmpeg takes any text for whose name it knows
@@ -124,7 +124,9 @@ class _Reading:
         self.read = 0
         self.remarks: list[str] = []
         self._seconds = 0.0
-        self._asked = False
+        self._repeats = 0
+        self._suspect = 0  # number of frames read up to a run that nobody has been asked about
+        self._next_asked = 0
         self._ahead: Image | None = None
         try:
             first = self._next(start)
@@ -184,10 +186,12 @@ class _Reading:
         """All frames of a file; raises at the end with `ending` if any, and where it turns out to be interlaced."""
         previous = self._first
         for picture in self.frames():
-            if self.read <= _PROBED and picture is not self._first and _same(picture, previous):
-                self.refuse_interlaced(file)
+            if picture is not self._first:
+                self._count_repeats(file, _same(picture, previous))
             previous = picture
             yield picture
+        if self._suspect:
+            self._refuse_interlaced(file, self._suspect)
         if ending:
             raise VideoError(f"{self._name}: ends after {self.read} frames ({ending})")
         self._remark_on_the_end()
@@ -202,14 +206,23 @@ class _Reading:
         """
         self._ahead = self._next(self._step - 1)
         if self._ahead is not None and _same(self._ahead, self._raw):
-            self.refuse_interlaced(file)
+            self._refuse_interlaced(file, self.read)
 
-    def refuse_interlaced(self, file: str) -> None:
-        """Ask the decoder, once, whether a repeated frame is one that it could not convert; raises VideoError."""
-        if self._asked:
-            return
-        self._asked = True
-        if _is_interlaced(file, self.read):
+    def _count_repeats(self, file: str, repeated: bool) -> None:
+        """Broadcasts become interlaced midway; raises VideoError where the frames stand still because of it.
+
+        The decoder is asked in frames whose numbers double, so that a screen that stands still costs little.
+        """
+        self._repeats = self._repeats + 1 if repeated else 0
+        if self._repeats >= _RUN:
+            self._suspect = self.read
+            if self.read >= self._next_asked:
+                self._refuse_interlaced(file, self.read)
+
+    def _refuse_interlaced(self, file: str, count: int) -> None:
+        """Ask the decoder whether the last of `count` frames is one that it could not convert; raises VideoError."""
+        self._suspect, self._next_asked = 0, 2 * count
+        if _is_interlaced(file, count):
             self._capture.release()
             raise VideoError(
                 f"{self._name}: is interlaced, which this OpenCV ({cv2.__version__}) cannot convert; "
