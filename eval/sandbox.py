@@ -20,7 +20,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 __all__ = [
-    "available", "confine", "device_paths", "forbid_processes", "make_ruleset", "readable_paths", "visible_paths",
+    "available", "confine", "device_paths", "forbid_lasting_memory", "forbid_processes", "make_ruleset",
+    "readable_paths", "visible_paths",
 ]  # fmt: skip
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446  # system calls, the same on every architecture
@@ -39,6 +40,8 @@ _MODULES = {".py", ".pyc", ".so", ".pyd", ".zip", ".egg", ".pth"}
 # Linux's numbers by machine: of the architecture, and of the calls that make a process (clone, fork, vfork); where
 # the latter two do not exist, a number that no call has.
 _ARCHITECTURES = {"x86_64": (0xC000003E, 56, 57, 58), "aarch64": (0xC00000B7, 220, 0x3FFFFFFF, 0x3FFFFFFF)}
+# The same of the calls that make what belongs to no process and stays: System V's memory, semaphores and queues.
+_LASTING = {"x86_64": (0xC000003E, 29, 64, 68), "aarch64": (0xC00000B7, 194, 190, 186)}
 _CLONE3, _CLONE_THREAD, _OTHER_CALLS = 435, 0x10000, 0x40000000  # the last: those of x32 on x86-64
 _SET_SECCOMP, _MODE_FILTER = 22, 2
 _LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06  # of a filter (linux/bpf_common.h)
@@ -155,7 +158,7 @@ def forbid_processes() -> None:
     OSError
         If the system refuses.
     """
-    if not sys.platform.startswith("linux") or os.uname().machine not in _ARCHITECTURES or sys.maxsize < 2**32:
+    if not _can_filter():
         return
     architecture, clone, fork, vfork = _ARCHITECTURES[os.uname().machine]
     unknown, refused = _REFUSE | errno.ENOSYS, _REFUSE | errno.EPERM
@@ -175,6 +178,43 @@ def forbid_processes() -> None:
         (_RETURN, 0, 0, unknown),
         (_RETURN, 0, 0, refused),
     ]
+    _filter(rows)
+
+
+def forbid_lasting_memory() -> None:
+    """Keep this process, and all that it will start, from memory that belongs to no process and stays (``shmget``).
+
+    The kernel answers that it is not permitted. Nothing is forbidden where the system has no such filters.
+
+    Raises
+    ------
+    OSError
+        If the system refuses.
+    """
+    if not _can_filter():
+        return
+    architecture, memory, semaphores, queues = _LASTING[os.uname().machine]
+    rows = [
+        (_LOAD, 0, 0, 4),  # the architecture
+        (_EQUAL, 0, 6, architecture),
+        (_LOAD, 0, 0, 0),  # the number of the call
+        (_AT_LEAST, 4, 0, _OTHER_CALLS),
+        (_EQUAL, 4, 0, memory),
+        (_EQUAL, 3, 0, semaphores),
+        (_EQUAL, 2, 0, queues),
+        (_RETURN, 0, 0, _ALLOW),
+        (_RETURN, 0, 0, _REFUSE | errno.ENOSYS),
+        (_RETURN, 0, 0, _REFUSE | errno.EPERM),
+    ]
+    _filter(rows)
+
+
+def _can_filter() -> bool:
+    return sys.platform.startswith("linux") and os.uname().machine in _ARCHITECTURES and sys.maxsize > 2**32
+
+
+def _filter(rows: list[tuple[int, int, int, int]]) -> None:
+    """Have the kernel look at every system call from here on, for good; raises OSError."""
     program = _Program(len(rows), (_Instruction * len(rows))(*(_Instruction(*row) for row in rows)))
     _control(_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     _control(_SET_SECCOMP, _MODE_FILTER, ctypes.byref(program), 0, 0)

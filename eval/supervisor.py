@@ -57,11 +57,13 @@ def main(leash: int, rules: int, alone: int) -> None:
 
 
 def _work(rules: int, alone: int) -> None:
-    from .sandbox import confine, forbid_processes
+    from .sandbox import confine, forbid_lasting_memory, forbid_processes
 
     if rules >= 0:
         confine(rules)
         os.close(rules)
+    with contextlib.suppress(OSError):  # a kernel without filters still runs what is judged
+        forbid_lasting_memory()
     if alone:
         forbid_processes()
     from .worker import serve

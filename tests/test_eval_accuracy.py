@@ -92,6 +92,16 @@ def _fill_shared_folder(self):
     with open("/dev/shm/hs_eval-test", "wb"):
         return True, self.box
 
+def _keep_lasting(self):
+    """The three kinds of System V, of which nobody sees how much one holds, and which stay."""
+    library = ctypes.CDLL(None, use_errno=True)
+    for call, size in (("shmget", (2**24,)), ("semget", (1,)), ("msgget", ())):
+        made = getattr(library, call)(0, *size, 0o600)
+        assert made < 0, f"{call} made {made}"
+        print(call, os.strerror(ctypes.get_errno()))
+    raise RuntimeError("none was made")
+
+Lasting = bad("Lasting", _keep_lasting)
 SharedMemory = bad("SharedMemory", _fill_shared)
 MemoryFile = bad("MemoryFile", _fill_memory_file)
 SharedFolder = bad("SharedFolder", _fill_shared_folder)
@@ -575,6 +585,15 @@ def test_a_tracker_that_eats_memory_is_ended(name: str, bad: Callable[..., Track
 def test_a_tracker_leaves_no_files_in_memory(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
     """What lies in /dev/shm is nobody's memory, and would stay when the tracker has ended."""
     assert "Permission denied: '/dev/shm/hs_eval-test'" in run_one(Job(bad("SharedFolder"), sequence)).status
+
+
+@pytest.mark.skipif(
+    not sys.platform.startswith("linux") or os.uname().machine not in {"x86_64", "aarch64"}, reason="filters of Linux's"
+)
+def test_a_tracker_leaves_no_memory_of_system_v(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
+    """It belongs to no process, so that no limit counts it, and would stay when the tracker has ended."""
+    run = run_one(Job(bad("Lasting"), sequence))
+    assert "none was made" in run.status
 
 
 def test_what_a_tracker_prints_is_no_record(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
