@@ -588,7 +588,7 @@ def test_a_tracker_leaves_no_files_in_memory(bad: Callable[..., TrackerSpec], se
 
 
 @pytest.mark.skipif(
-    not sys.platform.startswith("linux") or os.uname().machine not in {"x86_64", "aarch64"}, reason="filters of Linux's"
+    not sys.platform.startswith("linux") or os.uname().machine not in {"x86_64", "aarch64"}, reason="of Linux"
 )
 def test_a_tracker_leaves_no_memory_of_system_v(bad: Callable[..., TrackerSpec], sequence: Sequence) -> None:
     """It belongs to no process, so that no limit counts it, and would stay when the tracker has ended."""

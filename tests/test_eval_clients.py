@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import namedtuple
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -89,6 +90,32 @@ def test_what_a_tracker_refuses_is_answered_as_lost(
         assert said[0].startswith("TrackerHS: answered as lost: ")
     follower.init(video[0][0], video[1][0])
     assert follower.update(video[0][1])[1] > 0
+
+
+@pytest.mark.parametrize("tracker", ["TrackerHS", "MIL"])
+@pytest.mark.parametrize("box", [(np.nan, 40.0, 30.0, 30.0), (30.0, 30.0, np.inf, 30.0), (500.0, 500.0, 30.0, 30.0)])
+def test_a_first_box_that_is_none_is_answered_as_lost(
+    tracker: str, box: Sequence[float], video: tuple[Frames, Boxes], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A broken line of their truth: the box goes back as it came, for them to judge."""
+    follower = Follower(tracker)
+    follower.init(video[0][0], box)
+    for frame in video[0][1:3]:
+        place, confidence = follower.update(frame)
+        np.testing.assert_array_equal(place, box)
+        assert confidence == 0.0
+    assert capsys.readouterr().err.count("answered as lost: ") == 1
+
+
+@pytest.mark.parametrize("side", [(1, 60), (3, 3), (4, 4), (2, 9)])
+def test_mil_is_kept_from_boxes_at_which_it_hangs(
+    side: tuple[int, int], video: tuple[Frames, Boxes], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Other people's harnesses have no clock that would end it: the box is refused, and the object lost."""
+    follower = Follower("MIL")
+    follower.init(video[0][0], (30, 30, *side))
+    assert follower.update(video[0][1]) == ((30.0, 30.0, *map(float, side)), 0.0)
+    assert "MIL: answered as lost: ValueError: expected a box of at least 20 px" in capsys.readouterr().err
 
 
 def test_answers_are_read_as_in_our_own_runs(

@@ -15,6 +15,8 @@ __all__ = [
 VIT_DEVIATIONS = (0.07433, -0.07598, -0.07565, 0.0)
 """`stdvalue` of TrackerVit with which its input is normalised as in its training."""
 
+_MIL_AREA = 20  # px; OpenCV 4.8 to 5.0 hang at 18 and less
+
 _cv2: Any = cv2  # its stubs leave out the contrib modules
 
 
@@ -23,9 +25,25 @@ def csrt() -> Any:
     return _cv2.TrackerCSRT_create()
 
 
+class _MIL:
+    """MIL with boxes refused for which OpenCV looks for features that do not exist, for ever."""
+
+    def __init__(self) -> None:
+        self._tracker = _cv2.TrackerMIL_create()
+
+    def init(self, image: NDArray[Any], box: tuple[int, int, int, int]) -> None:
+        if min(box[2:]) < 2 or box[2] * box[3] < _MIL_AREA:
+            raise ValueError(f"expected a box of at least {_MIL_AREA} px, 2 px wide and high, got {box}")
+        self._tracker.init(image, box)
+
+    def update(self, image: NDArray[Any]) -> tuple[bool, tuple[int, int, int, int]]:
+        ok, box = self._tracker.update(image)
+        return ok, box
+
+
 def mil() -> Any:
-    """MIL as OpenCV ships it; differs from run to run."""
-    return _cv2.TrackerMIL_create()
+    """MIL as OpenCV ships it, but for boxes at which it hangs; differs from run to run."""
+    return _MIL()
 
 
 def mosse() -> Any:

@@ -52,8 +52,10 @@ class Follower:
         self._box, self._said = (x, y, w, h), False
         self._tracker = None
         tracker = resolve(self._spec.factory)(**self._spec.params)
-        whole = whole_box(self._box, (image.shape[1], image.shape[0]))
         try:
+            if not np.isfinite(self._box).all():
+                raise ValueError(f"expected a box of finite numbers, got {self._box}")
+            whole = whole_box(self._box, (image.shape[1], image.shape[0]))
             if tracker.init(image, whole) is False:
                 raise ValueError(f"init refused the box {whole}")
         except Exception as error:  # the experiment goes on, whatever a tracker makes of one sequence of it
