@@ -146,6 +146,7 @@ TRACKERS: dict[str, TrackerSpec] = {
         _with_models(
             "DaSiamRPN",
             "dasiamrpn",
+            "as shipped; in OpenCV 5 by its classic engine of networks, as with the new one it raises",
             model="*dasiamrpn_model*.onnx",
             kernel_cls1="*dasiamrpn_kernel_cls1*.onnx",
             kernel_r1="*dasiamrpn_kernel_r1*.onnx",

@@ -23,6 +23,7 @@ from eval.results import COMPLETED
 from eval.sequences import Sequence
 from eval.trackers import DEFAULT_TRACKERS, TRACKERS, code_version, find_tracker
 from eval.worker import resolve
+from tests.tiny_networks import VIT_SPAN, write_dasiamrpn, write_vit
 
 SIZE = (200, 150)
 Frames = list[NDArray[np.uint8]]
@@ -209,6 +210,7 @@ def test_a_model_counts_by_its_bytes_and_not_by_its_place(
 def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Parameters that OpenCV's trackers with models are made with; none is loaded."""
     given: dict[str, Any] = {}
+    monkeypatch.setenv("OPENCV_FORCE_DNN_ENGINE", "")  # DaSiamRPN's is meant for a process of its own
     for name in ("Nano", "Vit", "DaSiamRPN"):
         create = f"Tracker{name}_create"
         monkeypatch.setattr(cv2, create, lambda each, name=name: given.__setitem__(name, each), raising=False)
@@ -233,6 +235,57 @@ def test_trackers_with_models_are_made_of_them(name: str, models: Path, made: di
     resolve(spec.factory)(**spec.params)
     given = made[name.removeprefix("Tracker")]
     assert {parameter: getattr(given, parameter) for parameter in spec.params} == dict(spec.params)
+
+
+def still(folder: Path, colour: tuple[int, ...]) -> Sequence:
+    """Four frames of 320 × 240 px of one colour (gray if it is one number), and a box of 40 px in the middle."""
+    frames = np.tile(np.array(colour, np.uint8), (4, 240, 320, 1))
+    place = folder / "frames" / "still.npy"  # beside the networks: a tracker may read those only
+    place.parent.mkdir()
+    np.save(place, frames[..., 0] if len(colour) == 1 else frames)
+    boxes = np.tile([140.0, 100, 40, 40], (4, 1))
+    source = FrameSource((str(place),), "array", 4)
+    return Sequence("still", source, boxes, np.ones(4), (), (320, 240), "x")
+
+
+@pytest.mark.skipif(not hasattr(cv2, "TrackerVit_Params"), reason="TrackerVit came with OpenCV 4.9")
+def test_what_vit_sees_is_what_it_was_trained_on_by_our_deviations_only(tmp_path: Path) -> None:
+    """A network that answers with what it sees: (value - mean) / deviation, and as shipped something else.
+
+    Where TrackerVit as shipped passes, OpenCV has mended it, and TrackerVit-normalised and its note have to go.
+    """
+    write_vit(tmp_path / "vittrack.onnx")
+    level, window = 180, 4 * 40
+    normalised = (level / 255 - 0.456) / 0.224, (level / 255 - 0.406) / 0.225
+    expected = [window * (0.5 + value / VIT_SPAN) for value in normalised]
+    right, sequence = {}, still(tmp_path, (level, level, level))
+    for name in ("TrackerVit", "TrackerVit-normalised"):
+        run = run_one(Job(find_tracker(name, tmp_path), sequence))
+        assert run.status == COMPLETED
+        # The window follows the size that is found: the first answer says what was seen.
+        right[name] = np.abs(run.trajectory.boxes[1, 2:] - expected).max() <= 1.0
+        assert run.trajectory.score[1] == pytest.approx(0.9, abs=0.02)
+    assert right == {"TrackerVit": False, "TrackerVit-normalised": True}
+
+
+@pytest.mark.parametrize("colour", [(90, 180, 150), (120,)])
+def test_dasiamrpn_goes_through(colour: tuple[int, ...], tmp_path: Path) -> None:
+    """Its layers are found, in OpenCV 5 as well, and networks that see nothing let the box stand, gray or not."""
+    write_dasiamrpn(tmp_path)
+    run = run_one(Job(find_tracker("DaSiamRPN", tmp_path), still(tmp_path, colour)))
+    assert run.status == COMPLETED
+    np.testing.assert_array_equal(run.trajectory.boxes, np.tile([140.0, 100, 40, 40], (4, 1)))
+    np.testing.assert_array_equal(run.trajectory.score[1:], 0.5)
+
+
+@pytest.mark.skipif(not hasattr(cv2, "TrackerVit_Params"), reason="TrackerVit came with OpenCV 4.9")
+def test_vit_takes_gray_frames_and_says_what_is_no_network(models: Path) -> None:
+    """A gray frame has three equal channels; a file that is no network is OpenCV's error in the run's status."""
+    sequence = still(models, (120,))
+    status = run_one(Job(find_tracker("TrackerVit", models), sequence)).status
+    assert status.startswith("raised error: OpenCV")
+    write_vit(models / MODELS[2])
+    assert run_one(Job(find_tracker("TrackerVit", models), sequence)).status == COMPLETED
 
 
 def test_none_of_them_is_a_default() -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import cv2
 from numpy.typing import NDArray
 
 __all__ = [
-    "KCF", "VIT_DEVIATIONS", "PrimedKCF", "csrt", "dasiamrpn", "median_flow", "mil", "mosse", "nano", "vit",
-    "vit_normalised",
+    "KCF", "VIT_DEVIATIONS", "InColour", "Network", "PrimedKCF", "csrt", "dasiamrpn", "median_flow", "mil", "mosse",
+    "nano", "vit", "vit_normalised",
 ]  # fmt: skip
 
 VIT_DEVIATIONS = (0.07433, -0.07598, -0.07565, 0.0)
@@ -56,46 +57,11 @@ def median_flow() -> Any:
     return _cv2.legacy.TrackerMedianFlow_create()
 
 
-def nano(backbone: str, neckhead: str) -> Any:
-    """TrackerNano as OpenCV ships it, with its two networks."""
-    parameters = _cv2.TrackerNano_Params()
-    parameters.backbone, parameters.neckhead = backbone, neckhead
-    return _cv2.TrackerNano_create(parameters)
+class InColour:
+    """A tracker that raises on gray frames: it gets them in three channels, as a user does after the exception."""
 
-
-def vit(net: str) -> Any:
-    """TrackerVit as OpenCV ships it."""
-    parameters = _cv2.TrackerVit_Params()
-    parameters.net = net
-    return _cv2.TrackerVit_create(parameters)
-
-
-def vit_normalised(net: str) -> Any:
-    """TrackerVit with the colours that its network was trained on.
-
-    OpenCV 4.13 and 5.0 divide two of three channels by another deviation than they were trained with; these values
-    of `stdvalue` undo that.
-    """
-    parameters = _cv2.TrackerVit_Params()
-    parameters.net, parameters.stdvalue = net, VIT_DEVIATIONS
-    return _cv2.TrackerVit_create(parameters)
-
-
-def dasiamrpn(model: str, kernel_cls1: str, kernel_r1: str) -> Any:
-    """DaSiamRPN as OpenCV ships it, with its three networks."""
-    parameters = _cv2.TrackerDaSiamRPN_Params()
-    parameters.model, parameters.kernel_cls1, parameters.kernel_r1 = model, kernel_cls1, kernel_r1
-    return _cv2.TrackerDaSiamRPN_create(parameters)
-
-
-class KCF:
-    """KCF as OpenCV ships it; never recovers from the motion between its init and its first update.
-
-    It raises on gray frames, so it gets them in three channels, as a user would do after the first exception.
-    """
-
-    def __init__(self) -> None:
-        self._tracker = _cv2.TrackerKCF_create()
+    def __init__(self, tracker: Any) -> None:
+        self._tracker = tracker
 
     def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
         """Start."""
@@ -107,7 +73,59 @@ class KCF:
         return ok, box
 
 
-class PrimedKCF(KCF):
+class Network(InColour):
+    """A tracker that is made of networks, and says how sure it is."""
+
+    def getTrackingScore(self) -> float:
+        """Score of the last update."""
+        return float(self._tracker.getTrackingScore())
+
+
+def nano(backbone: str, neckhead: str) -> Network:
+    """TrackerNano as OpenCV ships it, with its two networks."""
+    parameters = _cv2.TrackerNano_Params()
+    parameters.backbone, parameters.neckhead = backbone, neckhead
+    return Network(_cv2.TrackerNano_create(parameters))
+
+
+def vit(net: str) -> Network:
+    """TrackerVit as OpenCV ships it."""
+    parameters = _cv2.TrackerVit_Params()
+    parameters.net = net
+    return Network(_cv2.TrackerVit_create(parameters))
+
+
+def vit_normalised(net: str) -> Network:
+    """TrackerVit with the colours that its network was trained on.
+
+    OpenCV 4.13 and 5.0 divide two of three channels by another deviation than they were trained with; these values
+    of `stdvalue` undo that.
+    """
+    parameters = _cv2.TrackerVit_Params()
+    parameters.net, parameters.stdvalue = net, VIT_DEVIATIONS
+    return Network(_cv2.TrackerVit_create(parameters))
+
+
+def dasiamrpn(model: str, kernel_cls1: str, kernel_r1: str) -> Network:
+    """DaSiamRPN as OpenCV ships it, with its three networks.
+
+    It asks for layers in the middle of a network, which the engine of OpenCV 5 does not know (opencv/opencv#26201):
+    there the classic engine serves the whole process, if no network was read in it before.
+    """
+    os.environ["OPENCV_FORCE_DNN_ENGINE"] = "1"
+    parameters = _cv2.TrackerDaSiamRPN_Params()
+    parameters.model, parameters.kernel_cls1, parameters.kernel_r1 = model, kernel_cls1, kernel_r1
+    return Network(_cv2.TrackerDaSiamRPN_create(parameters))
+
+
+class KCF(InColour):
+    """KCF as OpenCV ships it; never recovers from the motion between its init and its first update."""
+
+    def __init__(self) -> None:
+        super().__init__(_cv2.TrackerKCF_create())
+
+
+class PrimedKCF(InColour):
     """KCF at its best: it detects from the first update on, and never gives up.
 
     As shipped it does not detect in its first update, and is off ever after by the motion up to there; an update
@@ -117,7 +135,7 @@ class PrimedKCF(KCF):
     def __init__(self) -> None:
         parameters = _cv2.TrackerKCF_Params()
         parameters.detect_thresh = 0.0
-        self._tracker = _cv2.TrackerKCF_create(parameters)
+        super().__init__(_cv2.TrackerKCF_create(parameters))
 
     def init(self, image: NDArray[Any], boundingBox: tuple[int, int, int, int]) -> None:
         """Start, and prime."""
