@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ._native import kernels
 from .frames import Frame, crop
 from .validation import Shape
 
@@ -46,16 +47,14 @@ def overview(frame: Frame) -> Overview:
     thinned = replace(frame, pixels=frame.pixels[::down, ::across])
     plain = frame.pixels.dtype == np.uint8
     samples = np.ascontiguousarray(thinned.pixels) if plain else crop(thinned, 0, 0, thinned.width, thinned.height)
-    cells = cv2.resize(samples, _SIZE, interpolation=cv2.INTER_AREA).reshape(*_SIZE[::-1], -1)
-    few = samples.reshape(*samples.shape[:2], -1)[::_THINNED, ::_THINNED, 0].astype(np.float32)
-    means, squares = (cv2.resize(plane, _SIZE, interpolation=cv2.INTER_AREA) for plane in (few, few * few))
-    deviations = np.sqrt(np.maximum(squares - means * means, np.float32(0.0)))
-    return np.stack((cells.mean(axis=2, dtype=np.float32), deviations))
+    seen = np.empty((2, *_SIZE[::-1]), np.float32)
+    kernels.overview(samples, _THINNED, seen)
+    return seen
 
 
 def blank(seen: Overview) -> bool:
     """Tell whether a frame shows nothing."""
-    return float(seen[0].std()) < _EVEN
+    return kernels.deviation_of(seen[0]) < _EVEN
 
 
 def same_scene(before: Overview, now: Overview, frames: int = 1) -> bool:
@@ -68,9 +67,9 @@ def same_scene(before: Overview, now: Overview, frames: int = 1) -> bool:
     (True, False)
     """
     (before, rough_before), (now, rough_now) = before, now
-    if float(np.median(np.abs(now - before))) < _CHANGE:
-        rougher = float(np.median(rough_now) + _ROUGHNESS) / float(np.median(rough_before) + _ROUGHNESS)
-        emptied = float(now.std()) < _EVEN and float(before.std()) > _UNEVEN
+    if kernels.median_of(np.abs(now - before)) < _CHANGE:
+        rougher = (kernels.median_of(rough_now) + _ROUGHNESS) / (kernels.median_of(rough_before) + _ROUGHNESS)
+        emptied = kernels.deviation_of(now) < _EVEN and kernels.deviation_of(before) > _UNEVEN
         return max(rougher, 1.0 / rougher) < _ROUGHER and not emptied
     s = min(_SHIFT + (frames - 1) // 4, _MOST_SHIFT)
     middle = before[s:-s, s:-s]
@@ -80,7 +79,8 @@ def same_scene(before: Overview, now: Overview, frames: int = 1) -> bool:
 
 
 def _correlation(template: NDArray[np.float32], image: NDArray[np.float32]) -> NDArray[np.float32]:
-    if template.std() < _EVEN:
+    template = np.ascontiguousarray(template)
+    if kernels.deviation_of(template) < _EVEN:
         return np.zeros((1, 1), np.float32)
-    found = cv2.matchTemplate(image, np.ascontiguousarray(template), cv2.TM_CCOEFF_NORMED)
+    found = cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED)
     return np.asarray(np.where(np.isfinite(found) & (np.abs(found) <= 1.0), found, 0.0), np.float32)

@@ -30,7 +30,7 @@ ROOMS = {
     "segmentation": _LOOPS | {"estimate", "flow"},
     "patch_tracker": _LOOPS | {"estimate", "flow"},
     "redetection": {"frames", "geometry", "segmentation", "validation"},
-    "overview": {"frames", "validation"},
+    "overview": {"_native", "frames", "validation"},
     "arbitration": {
         "estimate", "frames", "geometry", "overview", "params", "patch_tracker", "redetection", "segmentation",
         "validation",

@@ -156,6 +156,22 @@ def valid() -> dict[Callable[..., Any], Arguments]:
             "counts_out": counts(),
         },
         segmentation.resample: {"image": image(), "inverse": INVERSE, "repeat": False, "fill": 1.0, "out": image()},
+        segmentation.without_object: {
+            "image": image(),
+            "odds": plane(),
+            "dx": 3,
+            "dy": -2,
+            "sure": 1.0,
+            "fill": -999.0,
+            "out": image(),
+        },
+        segmentation.measure_light: {
+            "image": image(),
+            "previous": noise(H, W, 3)[::-1].copy(),
+            "box": (3, 2, 17, 12),
+            "stride": 2,
+            "limits": (20.0, 4.0, 250.0),
+        },
         segmentation.carry: layer(),
         segmentation.evidence: {
             **scene(),

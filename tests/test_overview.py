@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from skimage import data
 
 from hs_tracker_cv import TrackerHS
+from hs_tracker_cv._native import kernels
 from hs_tracker_cv.frames import as_frame
 from hs_tracker_cv.overview import overview, same_scene
 
@@ -140,3 +141,54 @@ def test_a_small_change_before_a_flat_ground_is_not_another_scene() -> None:
     patched = ground.copy()
     patched[40:72, 52:84] = 255
     assert same_scene(glance(patched), glance(ground))
+
+
+@pytest.mark.parametrize("shape", [(240, 320, 3), (97, 131, 1), (10, 14, 3)])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_an_overview_is_means_over_cells_and_deviations_within(
+    rng: np.random.Generator, shape: tuple[int, int, int], dtype: type
+) -> None:
+    """A sample on the edge of a cell counts by the part inside, of small frames too; against matrices of shares."""
+    samples = rng.integers(0, 256, shape).astype(dtype)
+    seen = np.empty((2, 24, 32), np.float32)
+    kernels.overview(samples, 3, seen)
+
+    def average(plane: NDArray[np.float64]) -> NDArray[np.float64]:
+        down, across = (shares(side, cells) for side, cells in zip(plane.shape, (24, 32), strict=True))
+        return np.asarray(down @ plane @ across.T)
+
+    few = samples[::3, ::3, 0].astype(np.float64)
+    np.testing.assert_allclose(seen[0], average(samples.mean(axis=2, dtype=np.float64)), rtol=1e-5)
+    variances = average(few * few) - average(few) ** 2
+    np.testing.assert_allclose(seen[1], np.sqrt(np.maximum(variances, 0.0)), rtol=1e-5, atol=1e-4)
+
+
+def shares(side: int, cells: int) -> NDArray[np.float64]:
+    """How much of each sample along a side makes up each cell; rows of sum 1."""
+    edges = np.linspace(0.0, side, cells + 1)
+    low, high = edges[:-1, np.newaxis], edges[1:, np.newaxis]
+    overlaps = np.minimum(np.arange(1, side + 1), high) - np.maximum(np.arange(side), low)
+    return np.asarray(np.maximum(overlaps, 0.0) * cells / side)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 768])
+def test_statistics_are_those_of_numpy(rng: np.random.Generator, count: int) -> None:
+    """The median is the same bits."""
+    plane = rng.normal(100.0, 20.0, (1, count)).astype(np.float32)
+    assert kernels.median_of(plane) == np.median(plane)
+    assert kernels.deviation_of(plane) == pytest.approx(plane.std(dtype=np.float64))
+
+
+def test_what_has_no_pixels_is_refused() -> None:
+    """By name, as by all kernels; so are other elements and sizes."""
+    out = np.empty((2, 24, 32), np.float32)
+    with pytest.raises(ValueError, match="samples to have pixels"):
+        kernels.overview(np.empty((0, 4, 3), np.uint8), 3, out)
+    with pytest.raises(ValueError, match="thinned >= 1"):
+        kernels.overview(np.zeros((4, 4, 3), np.uint8), 0, out)
+    with pytest.raises(ValueError, match=r"out to have shape \(2, any, any\)"):
+        kernels.overview(np.zeros((4, 4, 3), np.uint8), 3, np.empty((3, 24, 32), np.float32))
+    with pytest.raises(TypeError, match="samples to be an array of float32 with 3 dimensions, got float64"):
+        kernels.overview(np.zeros((4, 4, 3)), 3, out)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="plane to have numbers"):
+        kernels.median_of(np.empty((0, 4), np.float32))

@@ -507,3 +507,30 @@ def test_ground_that_has_changed_is_ground_outside_the_object(odds: float, seen_
         kernels.Evidence(planes, fresh),
     )
     assert np.mean((planes[0] < 0.0) == ground) > 0.99
+
+
+def test_light_is_the_median_ratio_round_the_object(rng: np.random.Generator) -> None:
+    """The same bits as by NumPy; too dark and too bright pixels tell nothing, nor does the object."""
+    before, now = (rng.uniform(0, 255, (H, W, 3)).astype(np.float32) for _ in range(2))
+    now[5:20, 7:30] = 1000.0
+    thinned = np.s_[::3, ::3]
+    beside = np.ones((H, W), bool)
+    beside[5:20, 7:30] = False
+    told = beside & (before.min(axis=2) > 20) & (now.min(axis=2) > 4) & (now.max(axis=2) < 250)
+    told, ratios = told[thinned], (now / before)[thinned]
+    pixels, ratio = kernels.measure_light(now, before, (7, 5, 30, 20), 3, (20.0, 4.0, 250.0))
+    assert pixels == np.count_nonzero(told) > 0
+    np.testing.assert_array_equal(np.array(ratio, np.float32), np.median(ratios[told], axis=0))
+    assert kernels.measure_light(now, before, (0, 0, W, H), 3, (20.0, 4.0, 250.0)) == (0, [1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(0, 0), (3, -2), (-W, 1), (2, H + 5)])
+def test_where_the_object_was_there_is_no_ground(rng: np.random.Generator, dx: int, dy: int) -> None:
+    """Its pixels move with the shift; what comes from beyond the window is kept."""
+    image, odds = rng.uniform(0, 255, (H, W, 3)).astype(np.float32), np.full((H, W), -1.0, np.float32)
+    odds[10:20, 15:30] = 2.0
+    out = np.empty_like(image)
+    kernels.without_object(image, odds, dx, dy, 1.0, -999.0, out)
+    hidden = np.zeros((H, W), bool)
+    hidden[max(10 - dy, 0) : max(20 - dy, 0), max(15 - dx, 0) : max(30 - dx, 0)] = True
+    np.testing.assert_array_equal(out, np.where(hidden[:, :, np.newaxis], np.float32(-999.0), image))

@@ -3,6 +3,7 @@
 #include "flow.hpp"
 #include "levels.hpp"
 #include "multigrid.hpp"
+#include "overview.hpp"
 #include "patch_tracker/finder_bindings.hpp"
 #include "patch_tracker/patch_bindings.hpp"
 #include "segmentation/bindings.hpp"
@@ -300,6 +301,7 @@ NB_MODULE(kernels, module) {
     bind_frames(module);
     bind_levels(module);
     bind_refinement(module);
+    bind_overview(module);
     bind_finder(module);
     bind_patch_tracker(module);
     bind_segmentation(module);

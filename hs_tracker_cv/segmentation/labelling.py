@@ -116,12 +116,10 @@ def predict_layers(state: SegmentationState, window: Window, moves: motion.Moves
 def _ground_of_last(state: SegmentationState, moves: motion.Moves) -> Image:
     """The last frame moved by the camera, and nothing where the object surely was: no ground was seen there."""
     moved = translated(state.previous, *moves.camera)
-    sure = state.odds > tuning.SURELY_OBJECT
-    if not sure.any():
-        return moved
     dx, dy = (-round(speed) for speed in moves.camera)
-    hidden = shifted_mask(sure.view(np.uint8), dx, dy, state.odds.shape) if (dx, dy) != (0, 0) else sure
-    return np.where(hidden[:, :, np.newaxis] != 0, np.float32(tuning.NOWHERE), moved)
+    out = np.empty_like(moved)
+    kernels.without_object(moved, state.odds, dx, dy, tuning.SURELY_OBJECT, tuning.NOWHERE, out)
+    return out
 
 
 def predict_ground(state: SegmentationState, window: Window, moves: motion.Moves, odds: Plane) -> Expected:

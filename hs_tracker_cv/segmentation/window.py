@@ -70,10 +70,17 @@ def cut_window(state: SegmentationState, frame: Frame) -> Window:
 
 def outside(state: SegmentationState) -> NDArray[np.bool_]:
     """Pixels of the window well outside the last box."""
-    x0, y0 = (int(state.box[i] - state.origin[i]) for i in (0, 1))
+    x0, y0, x1, y1 = _object_rectangle(state)
     beside = np.ones(state.odds.shape, bool)
-    beside[max(y0 - 2, 0) : int(y0 + state.box[3]) + 3, max(x0 - 2, 0) : int(x0 + state.box[2]) + 3] = False
+    beside[y0:y1, x0:x1] = False
     return beside
+
+
+def _object_rectangle(state: SegmentationState) -> tuple[int, int, int, int]:
+    """(x0, y0, x1, y1) of the last box and what is close to it, window px, end exclusive."""
+    x, y = (int(state.box[i] - state.origin[i]) for i in (0, 1))
+    right, bottom = int(x + state.box[2]) + 3, int(y + state.box[3]) + 3
+    return max(x - 2, 0), max(y - 2, 0), max(right, 0), max(bottom, 0)
 
 
 def _relit(image: Image, gray: Plane, state: SegmentationState) -> tuple[Image, Plane, tuple[float, float, float]]:
@@ -82,17 +89,12 @@ def _relit(image: Image, gray: Plane, state: SegmentationState) -> tuple[Image, 
     The median over the pixels round the object of how much brighter each has become: what moves there does not
     change it.
     """
-    thinned = np.s_[:: tuning.LIGHT_STRIDE, :: tuning.LIGHT_STRIDE]
-    beside = outside(state)[thinned]
-    now, before = image[thinned][beside], state.previous[thinned][beside]
-    told = (before.min(axis=1) > tuning.UNLIT) & (now.max(axis=1) < tuning.SATURATED)
-    told &= now.min(axis=1) > tuning.UNLIT_NOW
-    if np.count_nonzero(told) < tuning.LIGHT_PIXELS:
+    limits = tuning.UNLIT, tuning.UNLIT_NOW, tuning.SATURATED
+    pixels, (b, g, r) = kernels.measure_light(
+        image, state.previous, _object_rectangle(state), tuning.LIGHT_STRIDE, limits
+    )
+    if pixels < tuning.LIGHT_PIXELS or max(abs(b - 1.0), abs(g - 1.0), abs(r - 1.0)) < tuning.SAME_LIGHT:
         return image, gray, state.light
-    ratio = np.median(now[told] / before[told], axis=0)
-    if np.abs(ratio - 1.0).max() < tuning.SAME_LIGHT:
-        return image, gray, state.light
-    b, g, r = ratio.tolist()
     image, gray = _divided(Picture(image, gray), (b, g, r))
     light = np.clip(np.multiply(state.light, (b, g, r)), tuning.FAINTEST, tuning.BRIGHTEST)
     return image, gray, (float(light[0]), float(light[1]), float(light[2]))

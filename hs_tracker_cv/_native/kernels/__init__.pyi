@@ -30,6 +30,18 @@ def use_level(name: str) -> None:
         If it is not one of :func:`levels`.
     """
 
+def overview(samples: NDArray[np.uint8] | Float32, thinned: int, out: Float32) -> None:
+    """Means of the samples (H, W, C) of a frame over cells, and the deviation within each, into (2, rows, columns).
+
+    The deviation is that of the first channel, of one sample in `thinned` across and down.
+    """
+
+def median_of(plane: Float32) -> float:
+    """Median of all numbers, as NumPy has it."""
+
+def deviation_of(plane: Float32) -> float:
+    """Standard deviation of all numbers."""
+
 class Planes:
     """So many images (height, width) of float32 in one piece of memory, laid out for the kernels.
 

@@ -313,6 +313,22 @@ def resample(image: Float32, inverse: Float64, repeat: bool, fill: float, out: F
     Beyond the image its border is repeated, or else `fill`. OpenCV's own differs from version to version.
     """
 
+def without_object(image: Float32, odds: Float32, dx: int, dy: int, sure: float, fill: float, out: Float32) -> None:
+    """Copy an image (h, w, 3), but `fill` where the odds at (i + dx, j + dy) are above `sure`."""
+
+def measure_light(
+    image: Float32,
+    previous: Float32,
+    box: tuple[int, int, int, int],
+    stride: int,
+    limits: tuple[float, float, float],
+) -> tuple[int, list[float]]:
+    """Number of pixels that tell the light, and the median by which each channel of them has become brighter.
+
+    They are one in `stride` across and down outside the rectangle `box` (x0, y0, x1, y1), above the first limit
+    before, and above the second and below the third now. Of none, the ratio is 1.
+    """
+
 def carry(
     previous: Float32, layer: Layer, counts: Float32, inverse: Float64, everywhere: bool, expected: Expected
 ) -> None:

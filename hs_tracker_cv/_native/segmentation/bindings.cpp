@@ -1,5 +1,6 @@
 #include "bindings.hpp"
 
+#include "light.hpp"
 #include "structs.hpp"
 
 #include <nanobind/stl/array.h>
@@ -189,6 +190,31 @@ void resample(Handle image, Handle inverse, bool repeat, float fill, Handle out)
     kernels().resample(from, in.size(2), in.data(), matrix.data(), repeat, fill, to, result.data());
 }
 
+void without_object(Handle image, Handle odds, Index dx, Index dy, float sure, float fill, Handle out) {
+    const Image in(image, "image", {-1, -1, CHANNELS});
+    const Size size = checked_size(in, "image");
+    const Plane2 object(odds, "odds", {size.height, size.width});
+    const ImageOut result(out, "out", {size.height, size.width, CHANNELS});
+    checked_shift(dx, "dx");
+    checked_shift(dy, "dy");
+    Unlocked unlocked;
+    kernels().without_object(size, in.data(), object.data(), dx, dy, sure, fill, result.data());
+}
+
+std::pair<Index, std::array<float, CHANNELS>> light_ratio(Handle image, Handle previous,
+                                                          const std::array<Index, 4> &box, Index stride,
+                                                          const std::array<float, 3> &limits) {
+    const Image now(image, "image", {-1, -1, CHANNELS});
+    const Size size = checked_size(now, "image");
+    const Image before(previous, "previous", {size.height, size.width, CHANNELS});
+    checked_count(stride, "stride", 1, MOST_REACH);
+    const auto [left, top, right, bottom] = box;
+    Unlocked unlocked;
+    const Light light = measure_light(size, now.data(), before.data(), {left, top, right, bottom}, stride,
+                                      {limits[0], limits[1], limits[2]});
+    return {light.pixels, light.ratio};
+}
+
 void bind_windows(nb::module_ &module) {
     module.def("smooth", &smooth, "pixels"_a.none(), "taps"_a.none(), "image"_a.none(), "gray"_a.none());
     module.def("shift", &shift, "source"_a.none(), "dx"_a, "dy"_a, "fill"_a, "out"_a.none());
@@ -196,6 +222,9 @@ void bind_windows(nb::module_ &module) {
     module.def("move_ground", &move_ground, "dx"_a, "dy"_a, "gain"_a, "ground"_a, "image"_a.none(), "odds"_a.none(),
                "out"_a);
     module.def("resample", &resample, "image"_a.none(), "inverse"_a.none(), "repeat"_a, "fill"_a, "out"_a.none());
+    module.def("without_object", &without_object, "image"_a.none(), "odds"_a.none(), "dx"_a, "dy"_a, "sure"_a, "fill"_a,
+               "out"_a.none());
+    module.def("measure_light", &light_ratio, "image"_a.none(), "previous"_a.none(), "box"_a, "stride"_a, "limits"_a);
 }
 
 // ---- evidence ----

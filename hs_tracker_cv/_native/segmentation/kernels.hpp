@@ -215,6 +215,8 @@ struct SegmentationKernels {
                      Size to, float *out);
     void (*carry)(Size size, const Object &object, const float *counts, const double *inverse, const Rectangle &part,
                   bool everywhere, const MovedObject &out);
+    void (*without_object)(Size size, const float *image, const float *odds, Index dx, Index dy, float sure, float fill,
+                           float *out);
     // evidence.cpp
     double (*evidence)(Size size, const Explanations &seen, const Rectangle &part, const Rectangle &inside,
                        const Likelihood &how, const Evidence &out);

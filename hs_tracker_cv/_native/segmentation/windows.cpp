@@ -156,6 +156,19 @@ void resample(Size from, Index channels, const float *image, const double *inver
     }
 }
 
+void without_object(Size size, const float *image, const float *odds, Index dx, Index dy, float sure, float fill_value,
+                    float *out) {
+    const Index w = size.width;
+    std::memcpy(out, image, CHANNELS * size.height * w * sizeof(float));
+    for (Index y = 0; y < size.height; ++y) {
+        const Index row = y + dy;
+        const Span span = overlap(w, dx, row >= 0 && row < size.height, w);
+        const float *before = odds + row * w + dx;
+        for (Index x = span.first; x < span.last; ++x)
+            if (before[x] > sure) fill(out + CHANNELS * (y * w + x), CHANNELS, fill_value);
+    }
+}
+
 namespace {
 
 // Where the pixels of a part of a row come from; `cover` is how much of a pixel is in the window.

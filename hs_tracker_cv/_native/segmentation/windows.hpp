@@ -29,5 +29,9 @@ void resample(Size from, Index channels, const float *image, const double *inver
 void carry(Size size, const Object &object, const float *counts, const double *inverse, const Rectangle &part,
            bool everywhere, const MovedObject &out);
 
+// An image, but `fill` where the log-odds at (i + dx, j + dy) are above `sure`.
+void without_object(Size size, const float *image, const float *odds, Index dx, Index dy, float sure, float fill,
+                    float *out);
+
 } // namespace HS_LEVEL
 } // namespace hs
