@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from datasets_synthetic.export import write_flo
 from eval.flow import command as flow
 from eval.flow import data as flow_data
 from eval.flow import methods as flow_methods
@@ -121,34 +122,38 @@ def test_metrics_refuse_what_cannot_be_compared(estimated, valid, message):
         flow_metrics.flow_scores(constant(0, 0), estimated, valid)
 
 
+def write_known(path, flow, valid):
+    """As Middlebury writes a flow of which some pixels are not known."""
+    write_flo(path, np.where(valid[..., np.newaxis], flow, np.float32(1e10)))
+
+
 def test_flo_round_trip(tmp_path):
     """A flow with unknown pixels survives writing and reading bit by bit."""
     rng = np.random.default_rng(3)
     truth, valid = rng.normal(0, 9, (7, 5, 2)).astype(np.float32), rng.random((7, 5)) > 0.3
-    flow_data.write_flo(tmp_path / "a.flo", truth, valid)
-    again, known = flow_data.read_flo(tmp_path / "a.flo")
+    write_known(tmp_path / "a.flo", truth, valid)
+    again, known = flow_data.known_flow(tmp_path / "a.flo")
     assert np.array_equal(known, valid)
     assert np.array_equal(again[valid], truth[valid])
     assert not again[~valid].any()
 
 
-def test_flo_layout_is_middleburys(tmp_path):
-    """The file starts with the tag 202021.25, width and height, then u and v row by row."""
-    flow_data.write_flo(tmp_path / "a.flo", constant(1.5, -2, (2, 3)))
-    raw = (tmp_path / "a.flo").read_bytes()
-    assert np.frombuffer(raw, "<f4", 1)[0] == np.float32(202021.25)
-    assert tuple(np.frombuffer(raw, "<i4", 2, 4)) == (3, 2)
-    assert np.array_equal(np.frombuffer(raw, "<f4", offset=12), np.tile(np.float32([1.5, -2]), 6))
+@pytest.mark.parametrize("content", [b"", b"PIEH", b"PIEH\x08\0\0\0\x06\0\0\0short", b"not a flow file at all"])
+@pytest.mark.parametrize("name", ["flow10.flo", "frame10.png", "frame11.png"])
+def test_what_cannot_be_read_of_a_pair_is_named(tmp_path, name, content):
+    """A broken file, or an empty one, raises with its path."""
+    folder = middlebury_folder(tmp_path, ["pair"])
+    (folder / "pair" / name).write_bytes(content)
+    with pytest.raises(ValueError, match=name):
+        list(flow_data.dataset_pairs(f"middlebury:{folder}"))
 
 
-@pytest.mark.parametrize("content", [None, b"PIEH", b"PIEH\x08\0\0\0\x06\0\0\0short", b"not a flow file at all"])
-def test_flo_that_cannot_be_read_is_named(tmp_path, content):
-    """A missing or broken .flo file raises with its path."""
-    file = tmp_path / "broken.flo"
-    if content is not None:
-        file.write_bytes(content)
-    with pytest.raises(ValueError, match=r"expected a Middlebury \.flo file, got .*broken\.flo"):
-        flow_data.read_flo(file)
+def test_an_empty_truth_of_kitti_is_named(tmp_path):
+    """It is no image."""
+    (tmp_path / "flow_occ").mkdir()
+    (tmp_path / "flow_occ" / "000000_10.png").touch()
+    with pytest.raises(ValueError, match=r"expected a readable image, got .*000000_10\.png"):
+        list(flow_data.dataset_pairs(f"kitti:{tmp_path}"))
 
 
 def middlebury_folder(root, names):
@@ -158,7 +163,7 @@ def middlebury_folder(root, names):
         (root / name).mkdir()
         cv2.imwrite(str(root / name / "frame10.png"), pair.first)
         cv2.imwrite(str(root / name / "frame11.png"), pair.second)
-        flow_data.write_flo(root / name / "flow10.flo", pair.flow, pair.valid)
+        write_known(root / name / "flow10.flo", pair.flow, pair.valid)
     return root
 
 

@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from datasets_synthetic.export import read_flo
+
 if TYPE_CHECKING:
     from datasets_synthetic import SequenceSpec
 
@@ -20,10 +22,9 @@ __all__ = [
     "FlowPair",
     "dataset_pairs",
     "kitti_pairs",
+    "known_flow",
     "middlebury_pairs",
-    "read_flo",
     "suite_pairs",
-    "write_flo",
 ]
 
 TUNED_ON = frozenset({"Dimetrodon", "Grove2", "RubberWhale", "Urban2"})
@@ -94,8 +95,8 @@ class FlowPair:
         return self.frames[self.index + 1]
 
 
-def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Read a Middlebury .flo file.
+def known_flow(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Read a Middlebury .flo file in which the flow of some pixels may not be known.
 
     Parameters
     ----------
@@ -110,43 +111,11 @@ def read_flo(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     Raises
     ------
     ValueError
-        If there is no readable .flo file.
+        If it is no .flo file.
     """
-    # Not cv2.readOpticalFlow: it does not check the length, and allocates terabytes on a truncated file.
-    raw = path.read_bytes() if path.is_file() else b""
-    width, height = np.frombuffer(raw, "<i4", 2, 4) if len(raw) > 12 else (0, 0)
-    if raw[:4] != b"PIEH" or width < 1 or height < 1 or len(raw) != 12 + 8 * int(width) * int(height):
-        raise ValueError(f"expected a Middlebury .flo file, got {path}")
-    flow = np.frombuffer(raw, "<f4", offset=12).reshape(height, width, 2)
+    flow = read_flo(path)
     valid = np.asarray((np.abs(flow) <= UNKNOWN_FLOW).all(axis=2), dtype=np.bool_)
     return np.where(valid[:, :, np.newaxis], flow, np.float32(0)).astype(np.float32), valid
-
-
-def write_flo(path: Path, flow: NDArray[np.float32], valid: NDArray[np.bool_] | None = None) -> None:
-    """Write a Middlebury .flo file.
-
-    Parameters
-    ----------
-    path : Path
-    flow : ndarray, shape (H, W, 2)
-        px per frame.
-    valid : ndarray of bool, shape (H, W), optional
-        Pixels that are not valid are written as unknown.
-
-    Raises
-    ------
-    ValueError
-        If the flow has another shape.
-    OSError
-        If the file cannot be written.
-    """
-    if flow.ndim != 3 or flow.shape[2] != 2:
-        raise ValueError(f"expected a flow of shape (H, W, 2), got {flow.shape}")
-    data = np.ascontiguousarray(flow, dtype=np.float32)
-    if valid is not None:
-        data = np.where(valid[:, :, np.newaxis], data, np.float32(10 * UNKNOWN_FLOW)).astype(np.float32)
-    if not cv2.writeOpticalFlow(str(path), data):
-        raise OSError(f"cannot write {path}")
 
 
 def middlebury_pairs(folder: Path) -> Iterator[FlowPair]:
@@ -172,7 +141,7 @@ def middlebury_pairs(folder: Path) -> Iterator[FlowPair]:
     for path in truths:
         name = path.parent.name
         group = ("tuned on" if name in TUNED_ON else "held out") if split else ""
-        yield FlowPair(name, _frames(path.with_name("frame")), 0, *read_flo(path), group)
+        yield FlowPair(name, _frames(path.with_name("frame")), 0, *known_flow(path), group)
 
 
 def _truths(folder: Path, pattern: str, expected: str) -> list[Path]:
@@ -184,15 +153,17 @@ def _truths(folder: Path, pattern: str, expected: str) -> list[Path]:
 
 def _frames(place: Path) -> tuple[NDArray[np.uint8], ...]:
     """The two frames of a pair, whose names go on with 10 and 11 with Middlebury and KITTI."""
-    return tuple(_read_frame(place.with_name(f"{place.name}{number}.png")) for number in (10, 11))
+    paths = (place.with_name(f"{place.name}{number}.png") for number in (10, 11))
+    return tuple(np.asarray(_read_image(path, cv2.IMREAD_COLOR), dtype=np.uint8) for path in paths)
 
 
-def _read_frame(path: Path) -> NDArray[np.uint8]:
-    # From its bytes: cv2 dies of a name that is not UTF-8.
-    frame = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_COLOR)
-    if frame is None:
+def _read_image(path: Path, flags: int) -> NDArray[Any]:
+    # From its bytes: cv2 dies of a name that is not UTF-8; and it raises of an empty file.
+    data = np.fromfile(path, np.uint8)
+    image = cv2.imdecode(data, flags) if data.size else None
+    if image is None:
         raise ValueError(f"expected a readable image, got {path}")
-    return np.asarray(frame, dtype=np.uint8)
+    return image
 
 
 def kitti_pairs(folder: Path) -> Iterator[FlowPair]:
@@ -214,8 +185,8 @@ def kitti_pairs(folder: Path) -> Iterator[FlowPair]:
     """
     for path in _truths(folder, "**/flow_occ/*_10.png", "flow_occ/NAME_10.png and image_2"):
         place, name = path.parents[1], path.stem.removesuffix("_10")
-        stored = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
-        if stored is None or stored.dtype != np.uint16 or stored.ndim != 3:
+        stored = _read_image(path, cv2.IMREAD_UNCHANGED)
+        if stored.dtype != np.uint16 or stored.ndim != 3:
             raise ValueError(f"expected a flow of 16 bits and three channels, got {path}")
         valid = np.asarray(stored[..., 0] > 0)
         flow = (stored[..., :0:-1].astype(np.float32) - 32768.0) / 64.0
