@@ -143,7 +143,7 @@ def read_coco(path: Path) -> list[CocoVideo]:
         ]
     except SequenceError:
         raise
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise SequenceError(
             f"{path}: expected COCO's images and annotations, got {type(error).__name__}: {error}"
         ) from error
@@ -294,7 +294,7 @@ def _label_studio(
             str(number): _track(_between(track["sequence"], count, size), count)
             for number, track in enumerate(tracks, start=1)
         }
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise SequenceError(
             f"{path}: expected Label Studio's keyframes, got {type(error).__name__}: {error}"
         ) from error

@@ -95,7 +95,7 @@ def compare(path: Path, tracker: str, measured: dict[str, float]) -> Comparison:
         content = json.loads(path.read_text(encoding="utf-8"))
         known = {str(name): float(value) for name, value in content["mean_iou"].items()}
         owner = content["tracker"]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ResultsError(f"{path} is damaged ({error!r}): restore it from git") from error
     if owner != tracker:
         raise ResultsError(f"{path} holds the figures of {owner}, not of {tracker}")

@@ -375,7 +375,7 @@ class Folder:
             data = json.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise ResultsError(f"cannot read {path}: {error.strerror or error}") from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise self._corrupt(path, error) from error
         if not isinstance(data, dict):
             raise self._corrupt(path, "not an object")

@@ -313,9 +313,10 @@ def read_scenes(path: Path) -> dict[str, str]:
 
 
 def _read_meta(path: Path) -> dict[str, Any]:
+    text = read_text(path)
     try:
-        meta = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
+        meta = json.loads(text)
+    except (ValueError, RecursionError) as error:  # of nesting, too, and numbers of thousands of digits
         raise SequenceError(f"{path}: expected JSON, got {error}") from error
     if not isinstance(meta, dict):
         raise SequenceError(f"{path}: expected an object with camera and attributes, got a {type(meta).__name__}")

@@ -82,7 +82,7 @@ def read_message(stream: BinaryIO) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     try:
         content = json.loads(line)
         layout = [(np.dtype(str(name)), tuple(int(side) for side in shape)) for name, shape in content.pop("arrays")]
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise GarbledError(f"no message: {line[:80]!r}") from error
     return content, [_read_array(stream, dtype, shape) for dtype, shape in layout]
 

@@ -169,6 +169,8 @@ def test_meta_is_optional_and_gives_attributes(tmp_path: Path) -> None:
     ("name", "text", "message"),
     [
         ("meta.json", "{", r"meta\.json: expected JSON, got "),
+        ("meta.json", "[" * 20_000, r"meta\.json: expected JSON, got "),
+        ("meta.json", "7" * 5000, r"meta\.json: expected JSON, got "),
         ("meta.json", '["SV"]', r"meta\.json: expected an object with camera and attributes, got a list"),
         ("meta.json", '{"attributes": "SV"}', r"meta\.json: expected a list of attributes, got 'SV'"),
         (
@@ -507,6 +509,14 @@ def test_coco_of_several_videos_and_tracks(tmp_path: Path) -> None:
             SequenceError, match=rf"instances\.json: expected COCO's images and annotations, {message}"
         ):
             load_dataset(f"coco:{path}")
+
+
+def test_a_nest_of_brackets_is_no_coco(tmp_path: Path) -> None:
+    """What Python cannot parse, however it fails, is one line with the file's name."""
+    path = tmp_path / "a.json"
+    path.write_text("[" * 20_000)
+    with pytest.raises(SequenceError, match=r"a\.json: expected COCO's images and annotations, got RecursionError"):
+        load_dataset(f"coco:{path}")
 
 
 def test_masks_of_coco(tmp_path: Path) -> None:

@@ -304,6 +304,7 @@ def test_messages_survive(layout: list[tuple[str, list[int]]]) -> None:
         b'{"arrays": [["f8", [99999, 99999]]]}\n',
         b'{"arrays": 3}\n',
         b"x" * 2**20,
+        b"[" * 2**15 + b"\n",
     ],
 )
 def test_what_is_no_message_is_refused(text: bytes) -> None:

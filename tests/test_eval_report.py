@@ -588,7 +588,7 @@ def test_errors_are_one_line(arguments: list[str], message: str, capsys: pytest.
     assert capsys.readouterr().err.startswith(message)
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"sequences": 5}', "\x00\x01"])
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"sequences": 5}', "\x00\x01", "[" * 20_000])
 @pytest.mark.parametrize("name", ["run.json", "sequences/one.json", "tracks/Exact/one.s0r0.json", "speed/one.json"])
 def test_a_damaged_file_of_any_kind_is_one_clear_line(
     name: str, content: str, folder: Folder, capsys: pytest.CaptureFixture[str]
