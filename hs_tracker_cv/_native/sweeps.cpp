@@ -241,48 +241,136 @@ template <Kind kind> inline Vector mixed_at(const Pass &pass, const Mix &mix, Ve
     return swept;
 }
 
-template <Kind kind> void one_sweep(const Pair &flow, const Pair &out, const Slopes &g, Mix mix) {
-    const Index w = out.u.width, last = out.u.height - 1;
-    Beside besides[2];
-    for (Index start = 0; start < w; start += WIDE) {
-        const Index width = tile_width(flow.u, start, WIDE), right = w - start;
-        Pass pass = pass_from(start, width, flow, out, g, nullptr, besides);
-        for (Index y = 0; y <= last; ++y) {
+// A tile of one row, and the ring beside it while the row is in the cache.
+template <Kind kind> inline void sweep_row(Pass &pass, const Mix &mix, Index start, Index width, const Plane &out) {
 #pragma omp simd
-            for (Index x = 0; x < width; ++x) {
-                const Vector vector = mixed_at<kind>(pass, mix, jacobi_at(pass, average_at(pass, x), x), x);
-                pass.u_out[x] = vector.u;
-                pass.v_out[x] = vector.v;
-            }
-            if (start == 0) { // the ring, while the row is in the cache
-                pass.u_out[-1] = pass.u_out[0];
-                pass.v_out[-1] = pass.v_out[0];
-            }
-            if (right <= width) {
-                pass.u_out[right] = pass.u_out[right - 1];
-                pass.v_out[right] = pass.v_out[right - 1];
-            }
-            next_row(pass, flow.u.stride);
-        }
+    for (Index x = 0; x < width; ++x) {
+        const Vector vector = mixed_at<kind>(pass, mix, jacobi_at(pass, average_at(pass, x), x), x);
+        pass.u_out[x] = vector.u;
+        pass.v_out[x] = vector.v;
     }
-    for (const Plane *plane : {&out.u, &out.v}) {
-        copy_row(*plane, 0, -1, 1.0f);
-        copy_row(*plane, last, last + 1, 1.0f);
+    const Index right = out.width - start;
+    if (start == 0) {
+        pass.u_out[-1] = pass.u_out[0];
+        pass.v_out[-1] = pass.v_out[0];
+    }
+    if (right <= width) {
+        pass.u_out[right] = pass.u_out[right - 1];
+        pass.v_out[right] = pass.v_out[right - 1];
+    }
+    next_row(pass, out.stride);
+}
+
+void fill_ring_above(const Pair &flow) {
+    for (const Plane *plane : {&flow.u, &flow.v}) copy_row(*plane, 0, -1, 1.0f);
+}
+
+void fill_ring_below(const Pair &flow) {
+    const Index last = flow.u.height - 1;
+    for (const Plane *plane : {&flow.u, &flow.v}) copy_row(*plane, last, last + 1, 1.0f);
+}
+
+template <Kind kind> void one_sweep(const Pair &flow, const Pair &out, const Slopes &g, const Mix &mix) {
+    const Index height = out.u.height;
+    Beside besides[2];
+    for (Index start = 0; start < out.u.width; start += WIDE) {
+        const Index width = tile_width(flow.u, start, WIDE);
+        Pass pass = pass_from(start, width, flow, out, g, nullptr, besides);
+        for (Index y = 0; y < height; ++y) sweep_row<kind>(pass, mix, start, width, out.u);
+    }
+    fill_ring_above(out);
+    fill_ring_below(out);
+}
+
+// What each sweep of a solution mixes.
+struct Step {
+    Mix mix;
+    Kind kind;
+};
+
+class Steps {
+  public:
+    explicit Steps(const Relaxation &relaxation)
+        : relax_(relaxation.relax), quarter_(relaxation.quarter_square), plain_(relax_ == 1.0f && quarter_ == 0.0f) {}
+
+    Step next() {
+        const Step step = {{1.0f - omega_, omega_ * (1.0f - relax_), omega_ * relax_},
+                           plain_   ? Kind::Plain
+                           : first_ ? Kind::First
+                                    : Kind::Later};
+        omega_ = 1.0f / (1.0f - (first_ ? 2.0f : omega_) * quarter_);
+        first_ = false;
+        return step;
+    }
+
+  private:
+    float relax_, quarter_, omega_ = 1.0f;
+    bool plain_, first_ = true;
+};
+
+void sweep_apart(const Pair &flow, const Pair &other, const Slopes &g, Index count, Steps steps) {
+    for (Index i = 0; i < count; ++i) {
+        const Step step = steps.next();
+        const auto one = step.kind == Kind::Plain   ? one_sweep<Kind::Plain>
+                         : step.kind == Kind::First ? one_sweep<Kind::First>
+                                                    : one_sweep<Kind::Later>;
+        one(i % 2 ? other : flow, i % 2 ? flow : other, g, step.mix);
+    }
+}
+
+// One of several sweeps that are under way.
+struct Sweep {
+    Pair flow, out;
+    Step step;
+    Pass pass;
+    Beside besides[2];
+};
+
+template <Kind kind> void next_of(Sweep &sweep) {
+    Pass pass = sweep.pass;
+    sweep_row<kind>(pass, sweep.step.mix, 0, tile_width(sweep.flow.u, 0, WIDE), sweep.out.u);
+    sweep.pass = pass;
+}
+
+void next_of(Sweep &sweep, Index y, const Slopes &g) {
+    if (y == 0) {
+        const Index width = tile_width(sweep.flow.u, 0, WIDE);
+        sweep.pass = pass_from(0, width, sweep.flow, sweep.out, g, nullptr, sweep.besides);
+    }
+    const auto row = sweep.step.kind == Kind::Plain   ? next_of<Kind::Plain>
+                     : sweep.step.kind == Kind::First ? next_of<Kind::First>
+                                                 : next_of<Kind::Later>;
+    row(sweep);
+    if (y == 0) fill_ring_above(sweep.out);
+    if (y == sweep.out.u.height - 1) fill_ring_below(sweep.out);
+}
+
+constexpr Index TOGETHER = 8;  // sweeps that go through a flow together
+constexpr Index LARGE = 40000; // pixels from which they do: what a sweep reads and writes is more than a cache holds
+
+// Sweeps of a flow no wider than a tile, each a row behind the one before it: what one has written the next finds in
+// the cache, and overwrites only what has been read for the last time.
+void sweep_together(const Pair &flow, const Pair &other, const Slopes &g, Index count, Steps steps) {
+    const Index height = flow.u.height;
+    Sweep sweeps[TOGETHER];
+    for (Index first = 0; first < count; first += TOGETHER) {
+        const Index some = count - first < TOGETHER ? count - first : TOGETHER;
+        for (Index i = 0; i < some; ++i) {
+            sweeps[i].flow = i % 2 ? other : flow; // TOGETHER is even: the flow is where it was
+            sweeps[i].out = i % 2 ? flow : other;
+            sweeps[i].step = steps.next();
+        }
+        for (Index line = 0; line < height + some - 1; ++line)
+            for (Index i = 0; i < some; ++i)
+                if (line >= i && line - i < height) next_of(sweeps[i], line - i, g);
     }
 }
 
 void sweep(const Pair &flow, const Pair &other, const Slopes &g, Index count, const Relaxation &relaxation) {
     fill_ring(flow.u, 1.0f);
     fill_ring(flow.v, 1.0f);
-    const float relax = relaxation.relax, quarter = relaxation.quarter_square;
-    const bool plain = relax == 1.0f && quarter == 0.0f;
-    float omega = 1.0f;
-    for (Index i = 0; i < count; ++i) {
-        const Mix mix = {1.0f - omega, omega * (1.0f - relax), omega * relax};
-        const auto one = plain ? one_sweep<Kind::Plain> : i == 0 ? one_sweep<Kind::First> : one_sweep<Kind::Later>;
-        one(i % 2 ? other : flow, i % 2 ? flow : other, g, mix);
-        omega = 1.0f / (1.0f - (i == 0 ? 2.0f : omega) * quarter);
-    }
+    const bool large = flow.u.width <= WIDE && flow.u.width * flow.u.height >= LARGE;
+    (large ? sweep_together : sweep_apart)(flow, other, g, count, Steps(relaxation));
 }
 
 void residual(const Pair &flow, const Pair &out, const Slopes &g, const Plane &share) {
