@@ -34,9 +34,11 @@ LARGEST = 960
 """Width, px, in which frames are sent to the browser at most."""
 FASTEST = 30.0
 """Frames shown per second at most; faster play leaves frames out, of the picture and not of the tracks."""
+LATE = 0.2
+"""Seconds that the video may lag behind the clock and still catch up with it."""
 SLICE = 0.1
 """Seconds of work after which the page shows how far it is."""
-TELL_SECONDS = 0.2
+TELL_SECONDS = 0.3
 """How often numbers and curves are told while the video plays: each time costs the browser as much as a picture."""
 DRAG = "Drag a box round an object, at any frame."
 WAITING = "waiting for something that moves"
@@ -271,6 +273,7 @@ class Page:
         self.finder = None
         paused = self.playing and not playing
         self.playing = playing
+        self.due = time.monotonic()
         self.stream.begin()
         self.play_button.props(f"icon={'pause' if playing else 'play_arrow'}")
         if hasattr(self, "timer"):
@@ -285,10 +288,10 @@ class Page:
             return
         rate = self.shown.moment.store.fps * float(self.speed.value)
         stride = max(round(rate / FASTEST), 1)
-        # By the clock: a frame that came late does not put off those behind it.
+        # By the clock: a frame that came late does not put off those behind it, unless it came very late.
         now = time.monotonic()
-        self.due = max(self.due + stride / rate, now)
-        self.timer.interval = self.due - now
+        self.due = max(self.due + stride / rate, now - LATE)
+        self.timer.interval = max(self.due - now, 0.0)
         before = self.session.index
         await self.pursue(before + stride)
         if self.session.index == before:

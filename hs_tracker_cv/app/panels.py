@@ -22,6 +22,8 @@ FIRST = ("Fx", "Fy", "Ft", "arrows", "normal", "threshold", "segmentation", "cor
 """Shown until the viewer chooses others."""
 WIDTH = 420
 """Of a panel's picture, px."""
+REST = 2.0
+"""While the video plays, time between two drawings of the panels over the time that one takes."""
 
 WATCH = """
 <script>
@@ -105,8 +107,7 @@ class PanelGrid:
                         image.set_source(url)
                         note.set_text(words)
                 if self._page.playing:
-                    # Half of the time is the video's.
-                    await asyncio.sleep(time.monotonic() - begun)
+                    await asyncio.sleep(REST * (time.monotonic() - begun))
         finally:
             self._busy = False
 
