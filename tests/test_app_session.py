@@ -428,10 +428,10 @@ def test_the_program_finds_the_same_boxes(session: Session, square: tuple[Path, 
     session.go_to(COUNT - 1)
     session.go_to(5)
     seen = _now(session)
-    code = snippet(session, seen, "square.mkv")
+    code = snippet(session, seen)
     assert repr(str(path)) in code
     session.go_to(6)
-    assert snippet(session, seen, "square.mkv") == code  # of what was seen, wherever the session is by now
+    assert snippet(session, seen) == code  # of what was seen, wherever the session is by now
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(code, {})
@@ -465,11 +465,78 @@ def test_the_program_of_the_demo_runs() -> None:
     session.go_to(2)
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(snippet(session, _now(session), DEMO).replace("elif index > 0:", "elif 0 < index < 3:"), {})
+        exec(snippet(session, _now(session)).replace("elif index > 0:", "elif 0 < index < 3:"), {})
     lines = printed.getvalue().splitlines()
     assert lines[0].startswith("2 (480, 640, 2) ")
     assert lines[1:] == [f"{step.index} {step.box} {step.score}" for step in session.tracks[0].steps[1:]]
     session.close()
+
+
+def _printed(code: str) -> list[str]:
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, {})
+    return printed.getvalue().splitlines()
+
+
+def test_the_program_of_an_upload_runs_beside_the_file(
+    square: tuple[Path, list[Box]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A browser tells a file's name and not where it lies."""
+    path, boxes = square
+    sources = Sources()
+    name, inside = sources.reserve(path.name)
+    inside.write_bytes(path.read_bytes())
+    session = Session(sources)
+    session.open(name)
+    session.start(boxes[0])
+    session.go_to(COUNT - 1)
+    code = snippet(session, _now(session))
+    assert "beside this program" in code
+    monkeypatch.chdir(path.parent)
+    expected = [f"{step.index} {step.box} {step.score}" for step in session.tracks[0].steps[1:]]
+    assert _printed(code)[1:] == expected
+    session.close()
+
+
+def test_the_program_of_a_folder_runs_anywhere(
+    square: tuple[Path, list[Box]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though the folder was named from where the page was started."""
+    path, boxes = square
+    folder = tmp_path / "shots" / "img"
+    folder.mkdir(parents=True)
+    with open_source(path) as source:
+        for index, frame in enumerate(source.frames):
+            cv2.imwrite(str(folder / f"{index}.png"), frame)
+    monkeypatch.chdir(folder.parent)
+    session = Session(Sources("img"))
+    session.open("shots/img")
+    session.start(boxes[0])
+    session.go_to(COUNT - 1)
+    code = snippet(session, _now(session))
+    monkeypatch.chdir("/")
+    expected = [f"{step.index} {step.box} {step.score}" for step in session.tracks[0].steps[1:]]
+    assert _printed(code)[1:] == expected
+    session.close()
+
+
+def test_the_overlay_of_a_long_video_leaves_the_store_alone(
+    session: Session, square: tuple[Path, list[Box]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames that are no longer kept are not fetched through it: the viewer's would go for them."""
+    session.start(square[1][0])
+    session.go_to(COUNT - 1)
+    seen = _now(session)
+
+    def refuse(index: int) -> bool:
+        raise AssertionError(f"frame {index} was asked of the store")
+
+    monkeypatch.setattr(seen.store, "approach", refuse)
+    path = square[0].with_suffix(".webm")
+    path.write_bytes(overlay_webm(session, seen))
+    with open_source(path) as source:
+        assert len(list(source.frames)) == COUNT
 
 
 def test_every_tracker_has_its_column_of_speed(session: Session, square: tuple[Path, list[Box]]) -> None:

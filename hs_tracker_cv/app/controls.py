@@ -197,7 +197,7 @@ class Controls:
         seen = self._seen()
         if seen is None:
             return
-        code = snippet(self._session, seen, str(self._page.name.value))
+        code = snippet(self._session, seen)
         with ui.dialog() as dialog, ui.card().style("width: 100%; max-width: 48rem"):
             ui.label("The same boxes and stages in Python").classes("hs-heading")
             ui.code(code, language="python").style("width: 100%").props("data-part=program")

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import io
+import itertools
 import tempfile
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import cv2
 
@@ -51,13 +54,26 @@ def overlay_webm(session: Session, seen: Moment) -> bytes:
     tracks = seen.tracks
     if not tracks:
         raise VideoError("nothing has been followed yet")
-    first, last = min(track.start for track in tracks), max(track.head for track in tracks)
+    if not session.shows(seen):
+        raise VideoError(f"{seen.store.name}: is no longer open")
     with tempfile.TemporaryDirectory(prefix="hs-track-") as folder:
         path = Path(folder) / "overlay.webm"
         with VideoSink(path, seen.store.fps) as sink:
-            for index in range(first, last + 1):
-                sink.write(draw_tracks(session.frame_at(index, seen), tracks, index))
+            for index, frame in _frames(session, seen):
+                sink.write(draw_tracks(frame, tracks, index))
         return path.read_bytes()
+
+
+def _frames(session: Session, seen: Moment) -> Iterator[tuple[int, Any]]:
+    """All frames that a track has seen, with their numbers."""
+    first, last = min(track.start for track in seen.tracks), max(track.head for track in seen.tracks)
+    if seen.store.live:
+        for index in range(first, last + 1):
+            yield index, session.frame_at(index, seen)
+        return
+    # Read on their own: out of the store they would drive what the viewer looks at.
+    with session.sources.open(seen.store.offered) as source:
+        yield from itertools.islice(enumerate(source.frames), first, last + 1)
 
 
 def panels_png(session: Session, seen: Moment, names: list[str]) -> bytes:
@@ -83,7 +99,7 @@ def panels_png(session: Session, seen: Moment, names: list[str]) -> bytes:
     return cv2.imencode(".png", tiles)[1].tobytes()
 
 
-def snippet(session: Session, seen: Moment, name: str) -> str:
+def snippet(session: Session, seen: Moment) -> str:
     """A Python program that finds the same boxes and computes the same panels.
 
     Parameters
@@ -91,9 +107,8 @@ def snippet(session: Session, seen: Moment, name: str) -> str:
     session : Session
     seen : Moment
         Whose frame and tracks the program is about.
-    name : str
-        Of the source on the page.
     """
+    name = seen.store.offered
     ours = [track for track in seen.tracks if track.name == OURS]
     names = ["TrackerHS", "TrackerHS_Params"] if any(_parameters(track) for track in ours) else ["TrackerHS"]
     demo = name == DEMO
@@ -104,6 +119,7 @@ def snippet(session: Session, seen: Moment, name: str) -> str:
         *([] if demo else ["from hs_tracker_cv.video import open_source"]),
         "",
         "",
+        *(["# handed over in the browser: expected beside this program"] if session.sources.is_upload(name) else []),
         "def opened():",
         f"    return {'demo()' if demo else f'open_source({session.sources.argument(name)!r})'}",
         "",

@@ -138,7 +138,7 @@ class Session:
         self._release()
         if self._closed:
             raise VideoError("the page has been closed")
-        self._store = FrameStore(lambda: self.sources.open(name))
+        self._store = FrameStore(lambda: self.sources.open(name), offered=name)
         self.index, self.frame = 0, self._store.get(0)
 
     def close(self) -> None:

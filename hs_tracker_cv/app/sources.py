@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, VideoError, VideoSource, natural_key, open_source
+from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, VideoError, VideoSource, natural_key, open_source, source_kind
 from .demo import demo
 
 __all__ = ["CAMERA", "DEMO", "Sources", "require"]
@@ -38,16 +38,16 @@ class Sources:
         self._paths: dict[str, str] = {}
         self._inbox = tempfile.TemporaryDirectory(prefix="hs-track-upload-")
         self._uploads = itertools.count()
-        root = Path(named)
-        if named and root.is_dir():
+        kind, root = source_kind(named) if named else "", Path(named)
+        if kind == "folder":
             self._add_folder(root)
-        elif named.isdecimal() and not root.exists():
-            self._add(CAMERA.format(named), named)
-        elif "://" in named:
+        elif kind == "camera":
+            self._add(CAMERA.format(named.removeprefix("/dev/video")), named)
+        elif kind == "stream":
             # By what is no secret: neither user and password nor query.
             parts = urlsplit(named)
             self._add(Path(parts.path).name or parts.hostname or parts.scheme, named)
-        elif named:
+        elif kind == "file":
             # Absolute, so that a file called 0 is no camera.
             self._add(root.name or named, str(root.resolve()) if root.exists() else named)
         if CAMERA.format(0) not in self._paths:
@@ -65,7 +65,7 @@ class Sources:
         videos = _videos_of(inside, folder)
         if not videos or any(path.suffix.lower() in IMAGE_SUFFIXES for path in inside):
             # With the name of its parent: many data sets call every such folder img.
-            self._add("/".join(folder.resolve().parts[-2:]), str(folder))
+            self._add("/".join(folder.resolve().parts[-2:]), str(folder.absolute()))
         for path in videos:
             self._add(path.name, str(path.resolve()))
 
@@ -82,7 +82,7 @@ class Sources:
         if name not in self._paths:
             raise VideoError(f"{name}: is not among the videos of this page ({', '.join(self.names)})")
         path = self._paths[name]
-        if not self._is_upload(path):
+        if not self.is_upload(name):
             return open_source(path)
         # The viewer knows the file by its own name, in messages and in the names of what is taken away.
         try:
@@ -90,13 +90,14 @@ class Sources:
         except VideoError as error:
             raise VideoError(str(error).replace(path, name)) from error
 
-    def _is_upload(self, path: str) -> bool:
-        return Path(path).is_relative_to(self._inbox.name)
+    def is_upload(self, name: str) -> bool:
+        """Whether a source has been handed over in the browser."""
+        return name in self._paths and Path(self._paths[name]).is_relative_to(self._inbox.name)
 
     def argument(self, name: str) -> str:
         """How a source is named on a command line; a placeholder for what the page alone has."""
         path = self._paths.get(name, "")
-        return path if path and not self._is_upload(path) else name
+        return path if path and not self.is_upload(name) else name
 
     def reserve(self, name: str) -> tuple[str, Path]:
         """Make room for an upload: the name under which it is offered, and the file to write it to.
@@ -133,12 +134,11 @@ def require(named: str) -> None:
     VideoError
         With the reason.
     """
-    live = "://" in named or (os.path.exists(named) and not (os.path.isfile(named) or os.path.isdir(named)))
-    if not named or live or (named.isdecimal() and not os.path.exists(named)):
-        return
-    folder = Path(named)
-    if not (os.path.isdir(named) and _videos_of(_listed(folder), folder)):
-        open_source(folder).close()
+    kind, path = source_kind(named) if named else "", Path(named)
+    # Opened once more by the page: a pipe would be empty by then.
+    if kind == "folder" or (kind == "file" and (path.is_file() or not path.exists())):
+        if not (kind == "folder" and _videos_of(_listed(path), path)):
+            open_source(path).close()
 
 
 def _listed(folder: Path) -> list[Path]:

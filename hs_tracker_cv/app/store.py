@@ -25,6 +25,8 @@ class FrameStore:
     ----------
     reopen : callable
         Opens the source at its first frame; raises VideoError.
+    offered : str
+        The name under which the page offers the source.
     budget : int
         Bytes of frames to keep; two frames are kept in any case.
 
@@ -34,7 +36,8 @@ class FrameStore:
         If the source cannot be opened.
     """
 
-    def __init__(self, reopen: Callable[[], VideoSource], *, budget: int = BUDGET) -> None:
+    def __init__(self, reopen: Callable[[], VideoSource], *, offered: str = "", budget: int = BUDGET) -> None:
+        self.offered = offered
         self._reopen = reopen
         self._source = reopen()
         self.live = self._source.count is None

@@ -9,7 +9,7 @@ it has. What the decoders print themselves is left to OpenCV's own switches (``c
 from __future__ import annotations
 
 from .folder import IMAGE_SUFFIXES, image_files, natural_key, read_image
-from .opening import VIDEO_SUFFIXES, open_source
+from .opening import VIDEO_SUFFIXES, open_source, source_kind
 from .quiet import silence_decoders
 from .sink import CODECS, VideoSink
 from .source import VideoError, VideoSource, native_name
@@ -27,4 +27,5 @@ __all__ = [
     "open_source",
     "read_image",
     "silence_decoders",
+    "source_kind",
 ]

@@ -7,12 +7,13 @@ import os
 import re
 import stat
 from pathlib import Path
+from typing import Literal
 
 from .capture import STREAMS, open_camera, open_file, open_stream
 from .folder import open_folder
 from .source import VideoError, VideoSource
 
-__all__ = ["VIDEO_SUFFIXES", "open_source"]
+__all__ = ["VIDEO_SUFFIXES", "open_source", "source_kind"]
 
 VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".ts", ".webm", ".wmv"})
 """What files that are meant as videos end in; `open_source` asks the file itself."""
@@ -52,18 +53,33 @@ def open_source(source: str | int | Path, *, start: int = 0, step: int = 1, gain
     if start < 0 or step < 1 or (gain is not None and not 0.0 < gain < math.inf):
         raise ValueError(f"expected start >= 0, step >= 1 and gain > 0, got {start!r}, {step!r}, {gain!r}")
     text = str(source)
-    scheme = _SCHEME.match(text)
-    if scheme:
-        if scheme[1].lower() not in STREAMS:
-            raise VideoError(f"{text}: expected a URL of {', '.join(sorted(STREAMS))}, got {scheme[1]}")
+    kind = source_kind(source)
+    if kind == "stream":
+        scheme = text.split("://")[0]
+        if scheme.lower() not in STREAMS:
+            raise VideoError(f"{text}: expected a URL of {', '.join(sorted(STREAMS))}, got {scheme}")
         return open_stream(text, start, step, gain)
-    mode = _mode(text)
-    camera = _CAMERA.fullmatch(text) if mode is not None and stat.S_ISCHR(mode) else None
-    if isinstance(source, int) or camera or (text.isdecimal() and mode is None):
+    if kind == "camera":
+        camera = _CAMERA.fullmatch(text)
         return open_camera(int(camera[1] if camera else text), start, step, gain)
-    if mode is not None and stat.S_ISDIR(mode):
-        return open_folder(Path(text), start, step, gain)
-    return open_file(Path(text), start, step, gain)
+    return (open_folder if kind == "folder" else open_file)(Path(text), start, step, gain)
+
+
+def source_kind(source: str | int | Path) -> Literal["stream", "camera", "folder", "file"]:
+    """What `open_source` takes a name for; a file is also what is not there.
+
+    Parameters
+    ----------
+    source : str, int or Path
+    """
+    text = str(source)
+    if _SCHEME.match(text):
+        return "stream"
+    mode = _mode(text)
+    device = mode is not None and stat.S_ISCHR(mode) and _CAMERA.fullmatch(text)
+    if isinstance(source, int) or device or (text.isdecimal() and mode is None):
+        return "camera"
+    return "folder" if mode is not None and stat.S_ISDIR(mode) else "file"
 
 
 def _mode(path: str) -> int | None:
