@@ -343,6 +343,12 @@ def test_the_keys_play_step_and_clear(page: Page) -> None:
     keyboard.press("r")
     page.await_frame(1)
     assert page.rows() == {}
+    page.await_text("panel-Fx", "gray levels")
+    assert page.page.locator("[data-part=panel-Fx] img").is_visible()
+    keyboard.press("ArrowLeft")
+    # Nothing has moved in the first frame: no panel stays as tall as its last picture was.
+    page.await_text("panel-Fx", "needs the frame before")
+    page.page.locator("[data-part=panel-Fx] img").wait_for(state="hidden", timeout=PATIENCE)
 
 
 @pytest.mark.browser

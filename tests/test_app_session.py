@@ -539,6 +539,55 @@ def test_the_overlay_of_a_long_video_leaves_the_store_alone(
         assert len(list(source.frames)) == COUNT
 
 
+class _Camera:
+    """A webcam, as OpenCV hands it out: no number of frames, no rate, and an end when it is unplugged."""
+
+    def __init__(self, number: int) -> None:
+        assert number == 0
+        self._left = iter(moving_square(np.random.default_rng(0), count=COUNT)[0])
+
+    def isOpened(self) -> bool:
+        return True
+
+    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
+        frame = next(self._left, None)
+        return frame is not None, frame
+
+    def get(self, prop: int) -> float:
+        return 0.0
+
+    def release(self) -> None:
+        self._left = iter(())
+
+
+def test_an_object_before_a_camera_is_followed_and_taken_away(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Frames are numbered from when it was opened; those kept can be gone back to; its end is an error."""
+    monkeypatch.setattr(cv2, "VideoCapture", _Camera)
+    boxes = [Box(*box) for box in moving_square(np.random.default_rng(0), count=COUNT)[1]]
+    session = Session(Sources("0"))
+    session.open(CAMERA.format(0))
+    session.go_to(2)
+    session.start(boxes[2])
+    session.go_to(COUNT - 1)
+    step = session.tracks[0].at(COUNT - 1)
+    assert step is not None
+    assert step.box is not None
+    assert iou(step.box, boxes[COUNT - 1]) > 0.8
+    session.go_to(4)  # back, in what is kept
+    seen = _now(session)
+    assert (seen.index, seen.store.count) == (4, None)
+    assert [panel.name for panel in session.panels(seen, ["Ft"], 100)] == ["Ft"]
+    (tmp_path / "live.webm").write_bytes(overlay_webm(session, seen))
+    with pytest.raises(VideoError, match="camera 0: has stopped giving frames"):
+        session.go_to(COUNT)
+    session.close()
+    monkeypatch.undo()
+    with open_source(tmp_path / "live.webm") as source:
+        assert len(list(source.frames)) == COUNT - 2
+
+
 def test_every_tracker_has_its_column_of_speed(session: Session, square: tuple[Path, list[Box]]) -> None:
     """The square moves by (2, 1) px per frame."""
     session.start(square[1][0])

@@ -82,6 +82,15 @@ def test_classic_equals_the_paper_in_numpy(shape, iterations):
     np.testing.assert_allclose(flow, reference.flow(frame0, frame1, 7.0, iterations), atol=REFERENCE_TOLERANCE)
 
 
+@pytest.mark.parametrize("iterations", [1, 8, 17])
+@pytest.mark.parametrize("shape", [(210, 200), (40, 1041)])
+def test_sweeps_that_go_together_equal_the_reference(shape: tuple[int, int], iterations: int) -> None:
+    """Over a large frame eight sweeps follow one another row by row, but for one that is wider than a tile."""
+    frame0, frame1 = noise(*shape, 1), noise(*shape, 2)
+    flow = HornSchunck("classic", smoothness=7.0, iterations=iterations, gain=1.0).calc(frame0, frame1)
+    np.testing.assert_allclose(flow, reference.flow(frame0, frame1, 7.0, iterations), atol=REFERENCE_TOLERANCE)
+
+
 def test_classic_goes_on_from_a_start_field():
     """Ten sweeps and ten more from their result are twenty sweeps."""
     frame0, frame1 = texture(40, 50), texture(40, 50, 0.7, -0.3)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hs_tracker_cv.video import VideoError, VideoSink, VideoSource, image_files, natural_key, open_source
+from hs_tracker_cv.video import VideoError, VideoSink, VideoSource, image_files, natural_key, open_source, source_kind
 from hs_tracker_cv.video.quiet import without_remark
 
 
@@ -256,6 +256,32 @@ class _FakeCamera:
 
     def release(self) -> None:
         self.released = True
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("rtsp://camera/door", "stream"),
+        ("http://host/clip.mp4", "stream"),
+        ("0", "camera"),
+        (3, "camera"),
+        ("/dev/video7", "file"),  # there is none here
+        ("none.mp4", "file"),
+        (".", "folder"),
+        ("", "file"),
+    ],
+)
+def test_one_place_tells_what_a_name_means(name: str | int, kind: str) -> None:
+    """The command, the page and the library ask it."""
+    assert source_kind(name) == kind
+
+
+def test_a_file_with_a_camera_s_number_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever has such a file can name it."""
+    monkeypatch.chdir(tmp_path)
+    Path("0").touch()
+    assert source_kind("0") == "file"
+    assert source_kind(0) == "camera"
 
 
 def test_a_vanished_camera_is_an_error_after_its_frames(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -105,6 +105,7 @@ class PanelGrid:
                         image, note = self._tiles[name]
                         url, words = drawn.get(name, ("", "needs the frame before"))
                         image.set_source(url)
+                        image.set_visibility(bool(url))  # else it would stay as tall as the one before
                         note.set_text(words)
                 if self._page.playing:
                     await asyncio.sleep(REST * (time.monotonic() - begun))
