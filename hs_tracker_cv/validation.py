@@ -92,7 +92,7 @@ def validate(value: Any, annotation: Any, path: str) -> None:
         another shape than the arrays beside it.
     """
     walk = _Walk()
-    walk.look(value, annotation, (), path)
+    walk.check(value, annotation, (), path)
     known: dict[str, int] = {}
     for _, lengths, shape in walk.arrays:
         known |= shape.named(lengths)
@@ -108,21 +108,21 @@ class _Walk:
         self.arrays: list[tuple[str, tuple[int, ...], Shape]] = []
         self.known: dict[str, int] = {}
 
-    def look(self, value: Any, annotation: Any, extras: tuple[Any, ...], path: str) -> None:
+    def check(self, value: Any, annotation: Any, extras: tuple[Any, ...], path: str) -> None:
         origin, arguments = get_origin(annotation), get_args(annotation)
         if origin is Annotated:
-            self.look(value, arguments[0], arguments[1:], path)
+            self.check(value, arguments[0], arguments[1:], path)
         elif origin in (Union, types.UnionType):
             (kind,) = (one for one in arguments if one is not type(None))
             if value is not None:
-                self.look(value, kind, extras, path)
+                self.check(value, kind, extras, path)
         elif origin is tuple:
-            self._look_into_tuple(value, arguments, path)
+            self._check_tuple(value, arguments, path)
         elif origin is dict:
             _expect(type(value) is dict, path, "a dict", value)
             for key, one in value.items():
-                self.look(key, arguments[0], (), f"the key {shown(key)} of {path}")
-                self.look(one, arguments[1], (), f"{path}[{shown(key)}]")
+                self.check(key, arguments[0], (), f"the key {shown(key)} of {path}")
+                self.check(one, arguments[1], (), f"{path}[{shown(key)}]")
         elif origin is np.ndarray:
             _check_array(value, get_args(arguments[1])[0], extras, path)
             for shape in (extra for extra in extras if isinstance(extra, Shape)):
@@ -131,23 +131,23 @@ class _Walk:
         elif origin is Literal:
             _expect(type(value) is str and value in arguments, path, f"one of {', '.join(arguments)}", value)
         elif is_dataclass(annotation) or hasattr(annotation, "_fields"):
-            self._look_into_fields(value, annotation, path)
+            self._check_fields(value, annotation, path)
         elif annotation is not Any:
             _check_single(value, origin or annotation, extras, path)
 
-    def _look_into_tuple(self, value: Any, kinds: tuple[Any, ...], path: str) -> None:
+    def _check_tuple(self, value: Any, kinds: tuple[Any, ...], path: str) -> None:
         _expect(type(value) is tuple, path, "a tuple", value)
         if kinds[-1] is Ellipsis:
             kinds = kinds[:1] * len(value)
         _expect(len(value) == len(kinds), path, f"a tuple of {len(kinds)}", value)
         for index, (one, kind) in enumerate(zip(value, kinds, strict=True)):
-            self.look(one, kind, (), f"{path}[{index}]")
+            self.check(one, kind, (), f"{path}[{index}]")
 
-    def _look_into_fields(self, value: Any, kind: Any, path: str) -> None:
+    def _check_fields(self, value: Any, kind: Any, path: str) -> None:
         _expect(type(value) is kind, path, f"a {kind.__name__}", value)
         for name, field in _fields(kind).items():
             _expect(hasattr(value, name), path, f"a {kind.__name__} that has {name}", value)
-            self.look(getattr(value, name), field, (), f"{path}.{name}")
+            self.check(getattr(value, name), field, (), f"{path}.{name}")
         if hasattr(value, "named_lengths"):
             self.known |= value.named_lengths()
 

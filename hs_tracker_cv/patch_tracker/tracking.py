@@ -1,4 +1,4 @@
-"""One frame of the carried box: find, carry, hold, judge, learn."""
+"""One frame of the carried box: find it, follow the flow, correct by keyframes, decide, learn."""
 
 from __future__ import annotations
 
