@@ -113,7 +113,7 @@ def test_files_count_frames_and_pixels_from_one(tmp_path: Path) -> None:
 
 def test_crowds_are_what_they_say() -> None:
     """Three to eight things, each pair of them in one place at one moment; the draw is a function of its key."""
-    for index in (0, 5):
+    for index in (0, 3, 5):
         spec = crowd(5, index)
         movers = [actor for actor in (*spec.scene.behind, spec.target) if actor.motion.path.kind != "hold"]
         assert len(movers) == 3 + index
