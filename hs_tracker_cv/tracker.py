@@ -26,7 +26,7 @@ __all__ = ["TrackerDebug", "TrackerHS", "TrackerHS_create", "TrackerState"]
 NOWHERE = (0, 0, 0, 0)
 """The box that cv2's trackers return with ``False``."""
 
-STATE_VERSION = 8
+STATE_VERSION = 9
 """Of what a pickle of a tracker holds; a change of any class in it changes the number."""
 
 

@@ -82,6 +82,28 @@ def test_of_what_turns_the_patch_tracker_is_no_witness() -> None:
     assert blind.segment_chance(0.9) > 0.5 > at_rest.segment_chance(0.9)
 
 
+def test_a_turn_that_comes_and_goes_is_no_steady_one() -> None:
+    """A segment that swells turns for ten frames; an object turns at its rate in every frame."""
+    swelling = turning = Steadiness()
+    for t in range(40):
+        swelling = swelling.after(0.0, 0.09 if t >= 30 else 0.0)
+        turning = turning.after(0.0, 0.05)
+    assert swelling.spin > SPINNING
+    assert not swelling.spinning
+    assert turning.spinning
+
+
+def test_the_mean_turn_counts_against_how_far_turns_are_from_it() -> None:
+    """± .02 round .05 is steady, ± .05 round it is not; the first pair has no distance from its own mean."""
+    for spread, spinning in ((0.0, True), (0.02, True), (0.05, False)):
+        shape = Steadiness()
+        for t in range(60):
+            shape = shape.after(0.0, 0.05 + spread * (-1) ** t)
+        assert shape.wobble == pytest.approx(spread, rel=0.1, abs=1e-9)
+        assert shape.spinning is spinning
+    assert Steadiness().after(0.0, 0.7).wobble == 0.0
+
+
 def test_doubt_of_a_segment_that_does_not_lead_is_not_put_off() -> None:
     """After a hand-over segmentation must earn the lead; nothing is taken off in its favour."""
     leading = Choice(frames=5, log_unexplained=-3.0, steadiness=STEADY)
@@ -118,6 +140,25 @@ def test_the_witness_is_heard_only_while_it_is_young() -> None:
     """Sizes that part later change nothing."""
     choice = after(WITNESS_FRAMES, 0.05, 0.0)
     assert after(100, 0.05, 2.0, choice).size_difference == choice.size_difference == 0.0
+
+
+def test_an_old_witness_is_heard_when_it_is_asked() -> None:
+    """Each answer counts by half; none is no answer. A segment that shrinks away from it becomes doubtful."""
+    choice = after(WITNESS_FRAMES, 0.02, 0.0)
+    assert choice.asked(0.9, 0.8, 0.6).size_difference == pytest.approx(0.3)
+    assert choice.asked(0.9, 0.8, 0.6).asked(0.9, 0.8, 0.6).size_difference == pytest.approx(0.45)
+    assert choice.asked(0.9, 0.8, None).size_difference == choice.size_difference
+    assert choice.doubt < 0.0 < choice.asked(0.9, 0.8, 0.6).asked(0.9, 0.8, 0.6).doubt
+
+
+@pytest.mark.parametrize(
+    ("segment", "chance", "outweighed"),
+    [(0.1, 0.5, True), (0.1, 0.3, False), (0.3, 0.9, False)],  # better; no better; believed
+)
+def test_of_two_the_likelier_is_followed(segment: float, chance: float, outweighed: bool) -> None:
+    """Where a segment is not believed, a carried box that is likelier right takes its place."""
+    assert Choice().asked(chance, 0.1).outweighed(segment) is outweighed
+    assert not replace(Choice(), trusted=False).asked(chance, 0.1).outweighed(segment)
 
 
 def test_constants_are_reported_as_they_are() -> None:

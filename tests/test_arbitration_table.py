@@ -310,6 +310,33 @@ def test_the_patch_tracker_is_asked_in_every_eighth_frame(young: Track, frame: F
     assert np.diff(np.flatnonzero(asked)).tolist() == [ASK_EVERY] * 2
 
 
+def test_of_what_is_hidden_the_patch_tracker_is_not_asked(young: Track, frame: Frame) -> None:
+    """It knows nothing of what stands before the object; elsewhere and sure, it would lead."""
+    track = track_in(young, State.SEGMENTATION)
+    track = replace(track, choice=replace(track.choice, since=0))
+    hidden = Stub(carried=THERE, occluded=True)
+    assert calls(track, frame, hidden) == ["segment", "ride"]
+    assert advance(track, frame, hidden.rooms).choice.trusted
+    assert not advance(track, frame, Stub(carried=THERE).rooms).choice.trusted
+
+
+@pytest.mark.parametrize(
+    ("carried", "score", "kept"),
+    [(HERE, 0.9, True), (HERE, 0.5, False), (HERE.moved(2.0, 0.0), 0.9, False)],  # confirmed; unsure; beside it
+)
+def test_what_is_learned_is_kept_where_both_agree(
+    young: Track, frame: Frame, carried: Box, score: float, kept: bool
+) -> None:
+    """The stub's lessons are its estimates: the score of the step is that of the patch tracker which goes on."""
+    track = track_in(young, State.SEGMENTATION)
+    track = replace(track, choice=replace(track.choice, since=0))
+    after = advance(track, frame, Stub(carried=carried, carried_score=score).rooms)
+    assert after.patch_tracker is not None
+    assert track.patch_tracker is not None
+    before = track.patch_tracker.estimate.score
+    assert after.patch_tracker.estimate.score == (score if kept else before) != (before if kept else score)
+
+
 def test_a_segment_that_is_contradicted_is_left(young: Track, frame: Frame) -> None:
     """A patch tracker that is likely right and elsewhere leads from that frame on."""
     track, stub = track_in(young, State.SEGMENTATION), Stub(carried=THERE)

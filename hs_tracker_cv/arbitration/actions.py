@@ -114,7 +114,10 @@ def teach(turn: Turn) -> Turn:
 
 
 def run_segmentation(turn: Turn) -> Turn:
-    """Run segmentation; what it finds again after a loss must not be known to be something else."""
+    """Run segmentation; what it finds again after a loss must not be known to be something else.
+
+    Of an object behind something the patch tracker, which knows nothing of that, is no witness, and not asked.
+    """
     assert turn.segmentation is not None, "segmentation leads"
     segmented = _segmented(turn, turn.segmentation)
     if segmented.estimate.ok and not _is_consistent(turn, segmented.estimate.box):
@@ -122,7 +125,8 @@ def run_segmentation(turn: Turn) -> Turn:
     if not segmented.estimate.ok:
         event = Event.UNSEEN
     else:
-        event = Event.FOUND if turn.choice.since % tuning.ASK_EVERY else Event.DUE
+        due = turn.choice.since % tuning.ASK_EVERY == 0 and not segmented.estimate.occluded
+        event = Event.DUE if due else Event.FOUND
     return turn._replace(segmentation=segmented, event=event)
 
 
@@ -135,15 +139,20 @@ def ride(turn: Turn) -> Turn:
 
 
 def ask(turn: Turn) -> Turn:
-    """Ask the patch tracker where it would be on its own; where it contradicts the segment, it leads from now on."""
+    """Ask the patch tracker where it would be on its own; where it contradicts the segment, it leads from now on.
+
+    Where it confirms the segment, what it has learned there is kept: it stays acquainted with what changes.
+    """
     segmented, carried = _both(turn)
     carried = turn.rooms.patch_tracker.turned(carried, segmented.turn)
     asked = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options)
-    box = segmented.estimate.box
-    choice = turn.choice.asked(asked.estimate.score, agreement(box, asked.estimate.box))
+    box, seen = segmented.estimate.box, asked.estimate
+    difference = size_difference(box, seen.box) if _is_witness(turn.choice, asked) else None
+    choice = turn.choice.asked(seen.score, agreement(box, seen.box), difference)
     if choice.contradicted:
         return turn._replace(patch_tracker=asked, choice=choice.carried_away, event=Event.RAN)
-    return turn._replace(patch_tracker=turn.rooms.patch_tracker.ride(carried, box), choice=choice, event=Event.RAN)
+    known = asked if choice.confirmed else carried
+    return turn._replace(patch_tracker=turn.rooms.patch_tracker.ride(known, box), choice=choice, event=Event.RAN)
 
 
 def search(turn: Turn) -> Turn:
@@ -334,14 +343,18 @@ def _measured(turn: Turn, segmented: SegmentationState, carried: PatchTrackerSta
     choice = turn.choice
     if segmented is turn.track.segmentation:  # not watched in this frame
         return replace(choice, since=choice.since + 1)
-    # A carried box that does not know where the object is does not know its size.
-    witness = carried.estimate.score > tuning.SURE and not choice.taught
+    witness = _is_witness(choice, carried)
     difference = size_difference(segmented.estimate.box, carried.estimate.box) if witness else None
     steadiness = _steadiness(turn, segmented)
     after = updated(choice, segmented.estimate.unexplained, difference, steadiness)
     if after.trusted and not choice.trusted and not carried.estimate.ok:
         return replace(after, trusted=False)  # nobody knows where the object is that it should follow
     return after
+
+
+def _is_witness(choice: Choice, carried: PatchTrackerState) -> bool:
+    """Whether the patch tracker tells the object's size: not where it hardly knows its place, or was taught."""
+    return carried.estimate.score > tuning.SURE and not choice.taught
 
 
 def _steadiness(turn: Turn, segmented: SegmentationState) -> Steadiness:

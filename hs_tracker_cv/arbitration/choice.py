@@ -37,8 +37,8 @@ class Choice:
     log_unexplained : float
         Running mean of log(unexplained share of the background + 0.01).
     size_difference : float
-        Mean `size_difference` of the two boxes, over those of the first `tuning.WITNESS_FRAMES` frames in which the
-        carried box is a witness.
+        Mean `size_difference` of the two boxes: over those of the first `tuning.WITNESS_FRAMES` frames in which the
+        carried box is a witness; later the running one of what it says when asked.
     witnessed : int
         How many these were.
     trusted : bool
@@ -99,17 +99,25 @@ class Choice:
         return apart and score > tuning.LEFT_SCORE and self.doubt < tuning.LEFT_DOUBT
 
     def outweighed(self, chance: float) -> bool:
-        """A segment hardly to be believed stands against a carried box that is rather right than not."""
-        return self.trusted and chance < tuning.LEAST and self.chance > tuning.RATHER
+        """A segment hardly to be believed stands against a carried box that is more likely right."""
+        return self.trusted and chance < tuning.LEAST and self.chance > tuning.BETTER
 
     @property
     def carried_away(self) -> Choice:
         """The same measurements with the carried box followed."""
         return replace(self, trusted=False, since=0)
 
-    def asked(self, chance: float, agreement: float) -> Choice:
-        """Take in what the carried box says where it is on its own."""
-        return replace(self, chance=chance, agreement=agreement)
+    def asked(self, chance: float, agreement: float, difference: float | None = None) -> Choice:
+        """Take in what the carried box says where it is on its own, and how large; None where it is no witness."""
+        size = self.size_difference
+        if difference is not None:
+            size += tuning.ASKED_RATE * (difference - size)
+        return replace(self, chance=chance, agreement=agreement, size_difference=size)
+
+    @property
+    def confirmed(self) -> bool:
+        """The carried box is rather right than not, and where the segment is."""
+        return self.agreement > tuning.TOGETHER and self.chance > tuning.RATHER
 
     @property
     def with_pupil(self) -> Choice:

@@ -28,17 +28,20 @@ class Steadiness:
         evenly, however fast.
     spin : float
         Running mean of the turn, radians per frame from x towards y.
+    wobble : float
+        Running mean of how far single turns are from that, radians per frame.
     """
 
     segments: Count = 0
     growth: float = 0.0
     unsteadiness: Annotated[float, Within(0.0, 100.0)] = 0.0
     spin: Annotated[float, Within(-10.0, 10.0)] = 0.0
+    wobble: Annotated[float, Within(0.0, 20.0)] = 0.0
 
     @property
     def spinning(self) -> bool:
         """The object turns steadily: then the patch tracker, which knows it as it stood, is no witness."""
-        return abs(self.spin) > tuning.SPINNING
+        return abs(self.spin) > max(tuning.SPINNING, tuning.WOBBLING * self.wobble)
 
     def after(self, grown: float, turn: float) -> Steadiness:
         """Take in one more pair of segments.
@@ -54,8 +57,10 @@ class Steadiness:
         unsteadiness = self.unsteadiness
         if 1 < segments <= tuning.WITNESS_FRAMES:
             unsteadiness += (abs(grown - self.growth) - unsteadiness) / (segments - 1)
-        spin = self.spin + max(tuning.RATE, 1.0 / segments) * (turn - self.spin)
-        return Steadiness(segments, grown, unsteadiness, spin)
+        rate = max(tuning.RATE, 1.0 / segments)
+        spin = self.spin + rate * (turn - self.spin)
+        wobble = self.wobble + rate * (abs(turn - spin) - self.wobble)
+        return Steadiness(segments, grown, unsteadiness, spin, wobble)
 
 
 def growth(before: Box, after: Box) -> float:
