@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,11 +64,11 @@ def _track(rows: Rows, count: int, regions: Mapping[int, str] | None = None) -> 
     return Track(boxes, visibility, texts)
 
 
-def _place(rows: Rows, frame: float, count: int, where: str) -> int:
-    """Index of a frame, which is there and has no box yet."""
-    index = int(frame)
-    if index != frame or not 0 <= index < count:
-        raise SequenceError(f"{where}: expected a frame of the {count} that there are, got {frame:g} (from 0)")
+def _place(rows: Rows, frame: float, count: int, where: str, first: int = 0) -> int:
+    """Index of a frame, which is there and has no box yet; the file counts from `first`."""
+    index = int(frame) - first
+    if index + first != frame or not 0 <= index < count:
+        raise SequenceError(f"{where}: expected a frame from {first} to {first + count - 1}, got {frame:g}")
     if index in rows:
         raise SequenceError(f"{where}: a second box of the same object in one frame")
     return index
@@ -102,10 +103,12 @@ def read_mot(path: Path, count: int) -> Tracks:
         values = [read_number(word, where) for word in words]
         if len(values) > 6 and values[6] == 0:
             continue
+        if values[1] < 0 or values[1] != int(values[1]):
+            raise SequenceError(f"{where}: expected the number of an object, got {words[1]} in {line[:80]!r}")
         x, y, w, h = values[2:6]
-        rows = found.setdefault(f"{values[1]:g}", {})
+        rows = found.setdefault(f"{values[1]:.0f}", {})
         shown = _share_seen(values[8], where) if len(values) == 9 else 1.0
-        rows[_place(rows, values[0] - 1, count, where)] = ((x - 1, y - 1, w, h), shown)
+        rows[_place(rows, values[0], count, where, first=1)] = ((x - 1, y - 1, w, h), shown)
     return {name: _track(rows, count) for name, rows in found.items()}
 
 
@@ -164,11 +167,21 @@ def _vis_video(video: Mapping[str, Any], notes: Iterable[Mapping[str, Any]], whe
         rows: Rows = {}
         for frame, box in enumerate(boxes):
             if box is not None:
-                x, y, w, h = map(float, box)
-                rows[frame] = ((x, y, w, h), 1.0)
+                rows[frame] = (_sides(box, place), 1.0)
         tracks[str(note["id"])] = _track(rows, len(files), {frame: text for frame, text in enumerate(masks) if text})
     folder = Path(files[0]).parent.name if files else ""
     return CocoVideo(str(video.get("name", folder or video["id"])), files, tracks)
+
+
+def _sides(box: Any, where: str) -> tuple[float, float, float, float]:
+    """Left, top, width and height of a box in JSON, which knows other things than four numbers."""
+    try:
+        x, y, w, h = (float(value) for value in box)
+    except (TypeError, ValueError):
+        x = y = w = h = math.nan
+    if not all(map(math.isfinite, (x, y, w, h))):
+        raise SequenceError(f"{where}: expected a box of four numbers, got {str(box)[:80]}")
+    return x, y, w, h
 
 
 def _mask_text(segmentation: Any, where: str) -> str:
@@ -220,12 +233,11 @@ def _coco_video(
             mask = _mask_text(note.get("segmentation"), here)
             if mask:
                 masks.setdefault(identity, {})[index] = mask
-            x, y, w, h = (float(value) for value in note["bbox"])
             place = _place(rows, index, len(order), here)
-            rows[place] = ((x, y, w, h), _share_seen(float(note.get("visibility", 1.0)), here))
+            rows[place] = (_sides(note["bbox"], here), _share_seen(float(note.get("visibility", 1.0)), here))
         if "hidden_bbox" in image:
-            x, y, w, h = (float(value) for value in image["hidden_bbox"])
-            found.setdefault("0", {})[index] = ((x, y, w, h), 0.0)
+            hidden = _sides(image["hidden_bbox"], f"{where}: image {image['id']}")
+            found.setdefault("0", {})[index] = (hidden, 0.0)
     files = tuple(str(image["file_name"]) for image in order)
     tracks = {identity: _track(rows, len(order), masks.get(identity)) for identity, rows in found.items()}
     return CocoVideo(name, files, tracks)

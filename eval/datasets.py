@@ -36,6 +36,7 @@ from .truthfiles import (
     read_masks,
     read_numbers,
     read_scene,
+    read_text,
 )
 
 __all__ = ["DATASETS", "canonical_dataset", "load_dataset"]
@@ -279,8 +280,11 @@ def _csv(where: str) -> Readers:
     return found
 
 
-def _folders(marker: str, readers: Callable[[Path], Readers]) -> Callable[[str], Readers]:
-    """Readers of a folder of sequences, which may lie in folders of splits or classes, or of one sequence."""
+def _folders(marker: str, readers: Callable[[Path], Readers], index: str = "") -> Callable[[str], Readers]:
+    """Readers of a folder of sequences, which may lie in folders of splits or classes, or of one sequence.
+
+    What a file `index` beside the sequences names belongs to the data set, whether or not it is there.
+    """
 
     def find(where: str) -> Readers:
         root = Path(where).expanduser().absolute()
@@ -295,9 +299,17 @@ def _folders(marker: str, readers: Callable[[Path], Readers]) -> Callable[[str],
             if own.keys() & found.keys():
                 raise SequenceError(f"two sequences named {', '.join(own.keys() & found.keys())} in {root}")
             found |= own
+        lists = sorted({folder.parent / index for folder in folders if folder != root}) if index else []
+        for path in filter(Path.is_file, lists):
+            for name in filter(None, map(str.strip, read_text(path).splitlines())):
+                found.setdefault(name, partial(_refuse_absent, path, name, marker))
         return found
 
     return find
+
+
+def _refuse_absent(index: Path, name: str, marker: str) -> Sequence:
+    raise SequenceError(f"{index} names {name}, but there is no {index.parent / name / marker}")
 
 
 def _marked(root: Path, marker: str) -> list[Path]:
@@ -379,8 +391,8 @@ def _one(read: Callable[[Path], Sequence]) -> Callable[[Path], Readers]:
 
 DATASETS: dict[str, Callable[[str], Readers]] = {
     "otb": _folders("groundtruth_rect*.txt", _otb_readers),
-    "vot": _folders("groundtruth.txt", _one(_vot)),
-    "got10k": _folders("groundtruth.txt", _one(_got10k)),
+    "vot": _folders("groundtruth.txt", _one(_vot), "list.txt"),
+    "got10k": _folders("groundtruth.txt", _one(_got10k), "list.txt"),
     "lasot": _folders("groundtruth.txt", _one(_lasot)),
     "mot": _folders("gt/gt.txt", _mot_readers),
     "coco": _coco,

@@ -107,7 +107,8 @@ class VideoFormat(NamedTuple):
     dtype : numpy.dtype
         In the byte order of this machine.
     gain, offset : float
-        Range of the first frame, which holds for all frames of this dtype: one dark frame does not change the scale.
+        Range of the first frame, which holds for all frames of this dtype, or of floats of any precision: one dark
+        frame does not change the scale.
     """
 
     height: Annotated[int, Within(1, 2**31)]
@@ -171,7 +172,7 @@ def as_frame(image: Any, gain: float | None = None) -> Frame:
 
 @fixed_errstate
 def as_pair(first: Any, second: Any, gain: float | None = None) -> tuple[Frame, Frame]:
-    """Check two frames of one video: of one size, and of one range where they are of one dtype.
+    """Check two frames of one video: of one size, and of one range where they are of one dtype, or both of floats.
 
     Sizes are compared before any pixel is read.
 
@@ -192,7 +193,7 @@ def as_pair(first: Any, second: Any, gain: float | None = None) -> tuple[Frame, 
     if gain is not None:
         return Frame(before, gain), Frame(after, gain)
     ranges = [value_range(pixels) for pixels in (before, after)]
-    if _native(before) == _native(after):
+    if _alike_in_type(before.dtype, after.dtype):
         ranges = [min(ranges)] * 2  # one bright frame tells the range of both
     return Frame(before, *ranges[0]), Frame(after, *ranges[1])
 
@@ -212,7 +213,7 @@ def next_frame(image: Any, video: VideoFormat) -> Frame:
             f"expected a {video.width} × {video.height} frame of {video.channels} channel(s) as given to init, got "
             f"{_size(pixels)} of {pixels.shape[2]}; call init again for another video"
         )
-    alike = _native(pixels) == video.dtype
+    alike = _alike_in_type(pixels.dtype, video.dtype)
     return Frame(pixels, *((video.gain, video.offset) if alike else value_range(pixels)))
 
 
@@ -241,6 +242,11 @@ def _size(pixels: NDArray[Any]) -> str:
 def _native(pixels: NDArray[Any]) -> np.dtype[Any]:
     """Dtype in the byte order of this machine: files of big-endian numbers are read as such."""
     return pixels.dtype.newbyteorder("=")
+
+
+def _alike_in_type(one: np.dtype[Any], two: np.dtype[Any]) -> bool:
+    """Whether numbers of both types mean the same: floats of every precision do."""
+    return one.kind == two.kind == "f" or one.newbyteorder("=") == two.newbyteorder("=")
 
 
 def value_range(pixels: NDArray[Any], gain: float | None = None) -> tuple[float, float]:

@@ -443,6 +443,21 @@ def test_got10k_from_its_root_and_its_test_split(tmp_path: Path) -> None:
     assert np.isnan(list(scores.values())).all()
 
 
+@pytest.mark.parametrize("kind", ["got10k", "vot"])
+def test_a_listed_sequence_that_is_not_there_is_named(kind: str, tmp_path: Path) -> None:
+    """Of a split that was half copied: said of all, and of that one; the others are read by name."""
+    folder = tmp_path / "val" / "one"
+    write_images(folder, 3, suffix=".jpg", digits=8)
+    (folder / "groundtruth.txt").write_text("10,11,20,12\n" * 3)
+    (folder.parent / "list.txt").write_text("one\r\ntwo\r\n\n")
+    for where in (tmp_path, folder.parent):
+        for only in ([], ["two"]):
+            with pytest.raises(SequenceError, match=r"list\.txt names two, but there is no .*two/groundtruth\.txt"):
+                load_dataset(f"{kind}:{where}", only)
+        assert [one.name for one in load_dataset(f"{kind}:{where}", ["one"])] == ["one"]
+    assert [one.name for one in load_dataset(f"{kind}:{folder}")] == ["one"]
+
+
 def test_lasot_says_when_the_object_is_out_of_view(tmp_path: Path) -> None:
     """Folders of classes; one line of flags each."""
     folder = tmp_path / "airplane" / "airplane-1"
@@ -471,9 +486,13 @@ def test_mot_gives_one_sequence_per_object(tmp_path: Path) -> None:
         assert [int(frame[0, 0, 0]) for frame in one.frames] == [10, 20, 30]
     assert [one.name for one in load_dataset(f"mot:{tmp_path}", ["MOT-01-7"])] == ["MOT-01-7"]
     for row, message in (
-        ("9,1,1,1,5,5,1,1,1", "expected a frame of the 5 that there are, got 8"),
+        ("9,1,1,1,5,5,1,1,1", "expected a frame from 1 to 5, got 9"),
         ("2,1,1,1,5,5,1,1,1", "a second box of the same object in one frame"),
+        ("0,1,1,1,5,5,1,1,1", "expected a frame from 1 to 5, got 0"),
+        ("1,-1,1,1,5,5,1,1,1", "expected the number of an object, got -1 in '1,-1,1,"),
+        ("1,1.5,1,1,5,5,1,1,1", "expected the number of an object, got 1.5 in '1,1.5,1,"),
         ("1,2,3", "expected 6 to 10 numbers, got 3 in '1,2,3'"),
+        ("1," * 15 + "1", "expected 6 to 10 numbers, got 16 in '1,1,"),
         ("1,2,3,4,5,x", "expected a number, got 'x'"),
         ("1,2,3,4,5,1e400", "expected a number, got '1e400'"),
         ("1,2,3,4,5,6,1,1,7", "expected a visibility from 0 to 1, got 7"),
@@ -503,6 +522,12 @@ def test_coco_of_several_videos_and_tracks(tmp_path: Path) -> None:
         assert_allclose(found["b-1"].boxes, [[0, 1, 5, 6], [1, 1, 5, 6], [2, 1, 5, 6]])
         assert [int(frame[0, 0, 0]) for frame in found["b-1"].frames] == [0, 10, 20]
         assert found["b-1"].scene == "b"
+    for box in ([1, 2, 3], [1, 2, 3, float("nan")], [1, 2, 3, "wide"], None):
+        path.write_text(json.dumps(data | {"annotations": [{"id": 99, "image_id": 10, "bbox": box}]}))
+        with pytest.raises(
+            SequenceError, match=r"json: annotation 99: expected a box of four numbers, got (\[1|None)"
+        ):
+            load_dataset(f"coco:{path}")
     for text, message in (("{}", "got KeyError: 'videos'"), ("[", "got JSONDecodeError"), ("[]", "got TypeError")):
         path.write_text(text)
         with pytest.raises(
@@ -591,7 +616,7 @@ def test_a_csv_of_boxes(tmp_path: Path) -> None:
         ("frame,x,y\n0,1,2\n", r"expected columns of a box, such as xtl, ytl, xbr, ybr, got frame, x, y"),
         ("frame,visibility,x,y,w,h\n0,-1,1,2,3,4\n", r"boxes\.csv:2: expected a visibility from 0 to 1, got -1"),
         ("frame,x,y,w,h\n0,1,2,3,4\n1,1,2,3,4a\n", r"boxes\.csv:3: expected a number, got '4a'"),
-        ("frame,x,y,w,h\n0,1,2,3,4\n3,1,2,3,4\n", r"boxes\.csv:3: expected a frame of the 3 that there are, got 3"),
+        ("frame,x,y,w,h\n0,1,2,3,4\n3,1,2,3,4\n", r"boxes\.csv:3: expected a frame from 0 to 2, got 3"),
         ("a,b\n1,2\n", r"expected a column `frame`, or one of Label Studio's JSON, got a, b"),
     ):
         table.write_text(text)

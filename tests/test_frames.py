@@ -94,6 +94,7 @@ def test_two_frames_of_one_video_have_one_range() -> None:
     assert [frame.gain for frame in as_pair(dark, bright)] == [1.0, 1.0]
     assert [frame.gain for frame in as_pair(bright, dark)] == [1.0, 1.0]
     assert [frame.gain for frame in as_pair(dark, dark)] == [255.0, 255.0]
+    assert [frame.gain for frame in as_pair(dark, bright.astype(np.float32))] == [1.0, 1.0]
     assert [frame.gain for frame in as_pair(dark, np.zeros((5, 6, 3), np.uint16))] == [255.0, 255.0 / 65535.0]
     assert [frame.gain for frame in as_pair(dark, bright, 3.0)] == [3.0, 3.0]
     with pytest.raises(InputError, match="6 × 5 and 5 × 6"):
@@ -101,9 +102,9 @@ def test_two_frames_of_one_video_have_one_range() -> None:
 
 
 def test_the_next_frame_is_like_the_first() -> None:
-    """A float frame keeps the range of the first, in any byte order; another size or number of channels is named."""
+    """A float frame keeps the range of the first, in any order of bytes and precision; another size is named."""
     first = as_frame(np.full((5, 6, 3), 0.5, np.float32))
-    for dtype in ("<f4", ">f4"):
+    for dtype in ("<f4", ">f4", np.float64, np.float16):
         assert next_frame(np.full((5, 6, 4), 7.0, dtype), first.format).gain == 255.0
     assert next_frame(np.full((5, 6, 3), 7, np.uint8), first.format).gain == 1.0
     with pytest.raises(InputError, match=r"expected a 6 × 5 frame of 3 channel\(s\).*got 5 × 6 of 1"):

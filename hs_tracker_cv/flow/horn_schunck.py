@@ -172,7 +172,9 @@ class HornSchunck:
             Never written to. Values that are not finite read as 0.
         flow : ndarray, shape (H, W, 2), optional
             First guess, px per frame; zero if absent. As with cv2's DIS and Farnebäck, the result is written into it,
-            and it is what is returned; so it must be a writable float32 array.
+            and it is what is returned. An array that cannot hold the result is left as it is, and a new one is
+            returned: one of another size, as after a change of video, says nothing; one of another type of real
+            numbers is still the first guess.
 
         Returns
         -------
@@ -183,16 +185,17 @@ class HornSchunck:
         Raises
         ------
         InputError
-            If a frame cannot be used, the shapes differ or `flow` cannot hold the result.
+            If a frame cannot be used, the shapes differ or `flow` is read-only or no array of real numbers.
         """
         first, second = _gray_pair(I0, I1, self.params.gain)
         if flow is None:
             return self._calc(first, second, None)
-        if not isinstance(flow, np.ndarray) or flow.dtype != np.float32:
-            kind = flow.dtype if isinstance(flow, np.ndarray) else type(flow).__name__
-            raise InputError(f"expected flow to be an array of float32, got {kind}")
+        if not isinstance(flow, np.ndarray) or flow.dtype.kind not in "biuf":
+            raise InputError(f"expected flow to be an array of real numbers, got {_kind(flow)}")
         if flow.shape != (*first.shape, 2):
-            raise InputError(f"expected flow of shape {(*first.shape, 2)}, got {flow.shape}")
+            return self._calc(first, second, None)
+        if flow.dtype != np.float32:
+            return self._calc(first, second, flow.astype(np.float32, order="C"))
         if not flow.flags.writeable:
             raise InputError(
                 "expected flow to be writable, since the result is written into it, got a read-only array"
@@ -276,6 +279,10 @@ def _gray_pair(first: Any, second: Any, gain: float | None) -> tuple[Gray, Gray]
         return first, second
     one, two = as_pair(first, second, gain)
     return _gray(one), _gray(two)
+
+
+def _kind(value: Any) -> str:
+    return f"dtype {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
 
 
 def _is_gray(image: Any) -> bool:
