@@ -84,3 +84,19 @@ def test_works_where_nothing_can_be_written(installation):
     assert output.strip().startswith(str(tmp_path))
     assert errors == ""
     assert sorted(tmp_path.rglob("*")) == before
+
+
+DAEMON = """
+import threading
+from hs_tracker_cv._native import kernels
+multigrid = kernels.Multigrid(64, 64)
+def wait():
+    threading.Event().wait()
+threading.Thread(target=wait, daemon=True).start()
+"""
+
+
+def test_a_daemon_thread_that_outlives_python_is_no_leak(installation):
+    """Its globals, and what they hold, are never given back; users are not told of leaks that are none."""
+    _, environment = installation
+    assert run(DAEMON, environment) == ("", "")

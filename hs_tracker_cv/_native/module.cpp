@@ -289,6 +289,10 @@ void bind_refinement(nb::module_ &module) {
 
 NB_MODULE(kernels, module) {
     using namespace hs;
+#ifdef NDEBUG
+    // A daemon thread of the user's keeps what its globals hold beyond the end of Python: no error of this module.
+    nb::set_leak_warnings(false);
+#endif
     const std::vector<std::string> names = level_names();
     if (names.empty()) throw nb::import_error("hs_tracker_cv needs an x86-64 processor with SSE4.2 (x86-64-v2)");
     use_level(names.back());
