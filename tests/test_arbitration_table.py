@@ -43,6 +43,7 @@ class Stub:
     carried_ok: bool = True
     carried_score: float = 0.95
     left: bool = False
+    ground: bool = False
     relocated: bool = False
     redetected: Redetection | None = None
     foreign: bool = False
@@ -56,6 +57,10 @@ class Stub:
         """What the test says."""
         self.asked.append("left")
         return self.left
+
+    def shows_ground(self, state: Any, box: Box) -> bool:
+        """What the test says."""
+        return self.ground
 
     def watch(self, state: Any, frame: Frame, box: Box, params: Any) -> Any:
         """Learn the background."""
@@ -391,6 +396,24 @@ def test_a_lost_object_is_found_by_the_patch_tracker(young: Track, frame: Frame)
     after = advance(track, frame, other.rooms)
     assert other.asked == ["redetect", "segment", "relocate", "carry", "dismiss"]
     assert after.state == "lost"
+
+
+@pytest.mark.parametrize("state", [State.STARTING, State.SEGMENTATION], ids=lambda s: s.name)
+@pytest.mark.parametrize("ground", [True, False])
+def test_a_box_that_shows_ground_is_no_object(young: Track, frame: Frame, state: State, ground: bool) -> None:
+    """The object has vanished before a ground that segmentation knows: the patch tracker does not learn that."""
+    track, stub = track_in(young, state), Stub(segment_ok=False, ground=ground)
+    track = replace(track, choice=replace(track.choice, log_unexplained=-3.5))
+    assert ("dismiss" in calls(track, frame, stub)) is ground
+    assert (advance(track, frame, stub.rooms).state == "lost") is ground
+
+
+def test_a_segmentation_that_is_doubted_refutes_nothing(young: Track, frame: Frame) -> None:
+    """What it takes for ground may be the object."""
+    track, stub = track_in(young, State.STARTING), Stub(segment_ok=False, ground=True)
+    doubted = replace(track, choice=Choice(frames=9, log_unexplained=0.0, size_difference=1.0))
+    assert doubted.choice.doubt > 0.0
+    assert "dismiss" not in calls(doubted, frame, stub)
 
 
 def test_what_is_seen_of_a_lost_object_elsewhere_refutes_a_segment(young: Track, frame: Frame) -> None:

@@ -71,6 +71,33 @@ def test_what_stands_still_has_not_left(seed: int) -> None:
     assert not segmentation.has_left(astray, boxes[0])
 
 
+@pytest.mark.parametrize("camera", [0.0, 1.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_box_shows_ground_beside_the_object_and_not_where_that_is(seed: int, camera: float) -> None:
+    """Of ground that was never seen uncovered, or is out of the window, nothing is told."""
+    frames, boxes = _video(seed, camera=camera, thickness=14)
+    state, place = _followed(frames, boxes[0], 23), boxes[22]
+    assert iou(state.estimate.box, place) > 0.7
+    assert segmentation.shows_ground(state, Box(place.x - 12, place.y, 10, SIDE))
+    assert segmentation.shows_ground(state, Box(place.right + 2, place.y, 10, SIDE))
+    assert not segmentation.shows_ground(state, place)
+    assert not segmentation.shows_ground(state, place.moved(200.0, 0.0))
+    assert not segmentation.shows_ground(_followed([frames[0]] * 2, boxes[0], 2), boxes[0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_place_of_what_has_vanished_shows_the_ground_known_before(seed: int) -> None:
+    """In the first frame without the object; after many the memory may be of anything, and tells nothing."""
+    frames, boxes = _video(seed, thickness=14)
+    empty = as_frame(frames[0])  # the object stands where it began, out of the window
+    state = segmentation.step(_followed(frames, boxes[0], 23), empty, PARAMS)
+    assert not state.estimate.ok
+    assert segmentation.shows_ground(state, boxes[22])
+    for _ in range(25):
+        state = segmentation.step(state, empty, PARAMS)
+    assert not segmentation.shows_ground(state, boxes[22])
+
+
 def test_nothing_is_known_of_a_departure_without_a_beginning() -> None:
     """After another tracker has led, the way over the ground is not known; a reseeded object begins anew."""
     frames, boxes = _video(1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ..estimate import Estimate
 from ..frames import Frame
 from ..geometry import Box, iou
 from ..patch_tracker import PatchTrackerState
@@ -90,7 +91,9 @@ def run_both(turn: Turn) -> Turn:
     if carried:
         if segmented and segmented.estimate.ok:
             carried = turn.rooms.patch_tracker.turned(carried, segmented.turn)
-        carried = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options, near=turn.near)
+        stepped = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options, near=turn.near)
+        refuted = segmented is not None and _is_refuted(turn, segmented, stepped.estimate)
+        carried = turn.rooms.patch_tracker.dismiss(carried, stepped) if refuted else stepped
     left = False
     if segmented and carried:
         choice = choice.asked(carried.estimate.score, agreement(segmented.estimate.box, carried.estimate.box))
@@ -162,7 +165,7 @@ def search(turn: Turn) -> Turn:
     """
     segmented, carried = _both(turn)
     found = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options, near=turn.near)
-    if found.estimate.ok and not _is_consistent(turn, found.estimate.box):
+    if _is_refuted(turn, segmented, found.estimate):
         found = turn.rooms.patch_tracker.dismiss(carried, found)
     elif found.estimate.ok and carried.estimate.lost:
         segmented = turn.rooms.segmentation.reseed(segmented, turn.frame, found.estimate.box, rooms.SEGMENTATION)
@@ -326,6 +329,16 @@ def _has_left(turn: Turn, choice: Choice, segmented: SegmentationState, carried:
     if not seen.ok or seen.occluded or not choice.may_have_left(seen.score):
         return False
     return turn.rooms.segmentation.has_left(segmented, carried)
+
+
+def _is_refuted(turn: Turn, segmented: SegmentationState, carried: Estimate) -> bool:
+    """Whether the box in which the patch tracker, but not segmentation, sees the object holds something else."""
+    if not carried.ok or segmented.estimate.ok:
+        return False
+    undoubted = turn.choice.trusted and turn.choice.doubt < tuning.LEAVE
+    if undoubted and turn.rooms.segmentation.shows_ground(segmented, carried.box):
+        return True
+    return not _is_consistent(turn, carried.box)
 
 
 def _is_consistent(turn: Turn, box: Box) -> bool:

@@ -6,7 +6,7 @@ Everything is a pure function from one frozen state to the next.
 
 from __future__ import annotations
 
-from .departure import has_left
+from .departure import has_left, shows_ground
 from .relocation import relocate
 from .state import SegmentationEstimate, SegmentationParams, SegmentationState
 from .tracking import belongs, reseed, start, step, watch
@@ -19,6 +19,7 @@ __all__ = [
     "has_left",
     "relocate",
     "reseed",
+    "shows_ground",
     "start",
     "step",
     "watch",

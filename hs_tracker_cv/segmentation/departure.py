@@ -1,7 +1,8 @@
-"""Whether the object has left a box that stays where it once was.
+"""Whether the object has left a box in which something else sees it.
 
 A box drawn round a thin object holds mostly ground. What carries such a box by what it looks like may stay with that
 ground while the object moves on, and be sure of itself. The pixels that were the object's tell: they now show ground.
+So do all of them where the object has vanished.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from . import tuning
 from .state import Beginning, Image, SegmentationState
 from .window import shifted, translated
 
-__all__ = ["beginning", "has_left"]
+__all__ = ["beginning", "has_left", "shows_ground"]
 
 
 class _Overlay(NamedTuple):
@@ -92,6 +93,35 @@ def has_left(state: SegmentationState, box: Box) -> bool:
         and np.count_nonzero(as_ground) > tuning.LEFT_TO_GROUND * count
         and np.count_nonzero(as_begun & ~as_ground) < tuning.LEFT_THERE * uncovered
     )
+
+
+def shows_ground(state: SegmentationState, box: Box) -> bool:
+    """Tell whether a box in which something else sees the object shows ground, as it was known before.
+
+    Parameters
+    ----------
+    state : SegmentationState
+        After the frame. What it has learned since it saw the object last may be the object, and is not known ground.
+    box : Box
+        Frame px.
+
+    Returns
+    -------
+    bool
+        Most of the box is known, and nearly all of that looks as the ground does.
+    """
+    edges = (box.x, box.y, box.right, box.bottom)
+    x0, y0, x1, y1 = (
+        max(round(edge / state.step) - first, 0) for edge, first in zip(edges, 2 * state.origin, strict=True)
+    )
+    inside = np.s_[y0:y1, x0:x1]
+    ground = translated(state.atlas.image, *state.atlas.offset)[inside]
+    known = state.atlas.counts[0][inside] >= KNOWN + state.occlusion.coasting
+    unlike = tuning.LEFT_DIFFERENCE * max(state.noise, tuning.LEFT_NOISE)
+    alike = known & (_difference(state.previous[inside], ground) < unlike)
+    count = np.count_nonzero(known)
+    most = count * state.step**2 > tuning.GROUND_KNOWN * box.area
+    return bool(most and np.count_nonzero(alike) > tuning.GROUND_ALIKE * count)
 
 
 def _laid(state: SegmentationState, begun: Beginning, ground: Image, dx: float, dy: float) -> _Overlay:
