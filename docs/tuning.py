@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import hs_tracker_cv
+from hs_tracker_cv.detection import DetectorParams
 from hs_tracker_cv.patch_tracker import PatchTrackerParams
 from hs_tracker_cv.segmentation import SegmentationParams
 
@@ -21,6 +22,13 @@ ROOMS: tuple[tuple[str, str, type | None], ...] = (
     ("Patch tracker", "patch_tracker/tuning.py", PatchTrackerParams),
     ("Redetection", "redetection.py", None),
     ("Overview of the frame", "overview.py", None),
+    ("A change of light", "photometry.py", None),
+    ("Motion of the camera", "camera.py", None),
+    ("Two frames compared", "comparison.py", DetectorParams),
+    ("Moving regions between two frames", "detection.py", None),
+    ("Pixels of one motion", "common_motion.py", None),
+    ("Movers over several frames", "movers.py", None),
+    ("Following by itself", "automatic.py", None),
 )
 INTRODUCTION = """# The numbers
 

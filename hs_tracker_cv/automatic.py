@@ -42,6 +42,8 @@ SLIVER = 0.2
 """Share of its largest area that a box at the border keeps of an object that has left."""
 RETURN = 1.5
 """Distance from where it was lost, in diagonals of its box, at which a mover of its size is the lost object."""
+SIZED = 0.5
+"""IoU, of the boxes laid on each other, from which a mover is of its size."""
 
 
 @dataclass(frozen=True)
@@ -259,5 +261,5 @@ def _may_be(box: Box, lost: Box) -> bool:
     """Whether a mover is of the size of a lost object and near to where that was last."""
     (x0, y0), (x1, y1) = box.centre, lost.centre
     near = (x1 - x0) ** 2 + (y1 - y0) ** 2 < RETURN**2 * (lost.w**2 + lost.h**2)
-    alike = iou(Box(0, 0, box.w, box.h), Box(0, 0, lost.w, lost.h)) > 0.5
+    alike = iou(Box(0, 0, box.w, box.h), Box(0, 0, lost.w, lost.h)) > SIZED
     return near and alike

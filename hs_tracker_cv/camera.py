@@ -17,7 +17,12 @@ Affine = NDArray[np.float64]
 STILL: Affine = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Motion of a camera that stands; :func:`camera_motion` answers with this very array."""
 
-_CORNERS = 200
+_CORNERS = 200  # most that are followed
+_QUALITY, _APART = 0.02, 7.0  # least quality of a corner, as a share of the best one's; px between two
+_RETURNED = 0.5  # px from itself at which a corner may end that is followed there and back
+_LOCAL = 8.0  # σ, px, of the surroundings that local contrast is taken against
+_PLAIN = 4.0  # gray levels added to the deviation there: a plain ground is not blown up to noise
+_CONTRAST = 40.0  # gray levels that such a deviation becomes
 _FEWEST = 12  # corners below which a motion of the whole picture is a guess
 _AGREE = 0.5  # share of them that must move together
 _SPREAD = 0.15  # standard deviation of their places, of a side of the frame: else it is one thing that has moved
@@ -40,14 +45,14 @@ def camera_motion(before: Plane, after: Plane) -> Affine | None:
         texture all over the frame to tell; None where most of the picture does not move as one.
     """
     first, second = _levelled(before), _levelled(after)
-    corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.02, 7.0)
+    corners = cv2.goodFeaturesToTrack(first, _CORNERS, _QUALITY, _APART)
     if corners is None or len(corners) < _FEWEST:
         return STILL
     guess: Any = None
     there, found, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, guess, winSize=(15, 15), maxLevel=3)
     back, returned, _ = cv2.calcOpticalFlowPyrLK(second, first, there, guess, winSize=(15, 15), maxLevel=3)
     sure = (found.ravel() > 0) & (returned.ravel() > 0)
-    sure &= np.hypot(*(back - corners).reshape(-1, 2).T) < 0.5
+    sure &= np.hypot(*(back - corners).reshape(-1, 2).T) < _RETURNED
     if sure.sum() < max(_FEWEST, _AGREE * len(corners)):
         return None
     matrix, inliers = cv2.estimateAffinePartial2D(
@@ -67,11 +72,11 @@ def camera_motion(before: Plane, after: Plane) -> Affine | None:
 
 def _levelled(plane: Plane) -> NDArray[np.uint8]:
     """Local contrast alone, as 8 bit: what the light has done to the frame is gone."""
-    mean = cv2.GaussianBlur(plane, (0, 0), 8.0)
+    mean = cv2.GaussianBlur(plane, (0, 0), _LOCAL)
     deviation = plane - mean
-    spread = cv2.GaussianBlur(deviation * deviation, (0, 0), 8.0)
+    spread = cv2.GaussianBlur(deviation * deviation, (0, 0), _LOCAL)
     cv2.sqrt(spread, spread)
-    return np.asarray(cv2.convertScaleAbs(deviation / (spread + 4.0) * 40.0 + 128.0), np.uint8)
+    return np.asarray(cv2.convertScaleAbs(deviation / (spread + _PLAIN) * _CONTRAST + 128.0), np.uint8)
 
 
 def carried(image: Plane, motion: Affine) -> tuple[Plane, Mask]:

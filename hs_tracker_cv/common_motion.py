@@ -45,7 +45,31 @@ REFINEMENTS = 2
 STEPS = 3
 """Gauss–Newton steps of a registration."""
 OUTLIER = 8.0
-"""Difference, gray levels, at which a pixel counts a quarter in a registration."""
+"""Difference, gray levels, at which a pixel counts half in a registration."""
+ROOM = 0.6
+"""Share of its longer side by which the window of a mover is grown to register it."""
+ROOM_JOINED = 0.1
+"""The same for two parts that may be one thing."""
+LEAST_ROOM = 8
+"""Least of either, lattice px."""
+CLEARLY = 0.5
+"""Share of the squared change left by one explanation below which the other is refuted."""
+LEAST_NOISE = 0.5
+"""Squared change, gray levels², that is noise in any video."""
+AHEAD = 0.75
+"""Quantile of the displacements of what has changed that must reach the least one."""
+LEAST_PART = 9.0
+"""Smallest part, lattice px²."""
+HARDLY = 0.5
+"""Displacement, lattice px, below which a thing has no front and back."""
+SURFACE = (0.1, 0.9)
+"""Quantiles of the gray levels of the front part between which its surface lies."""
+BETWEEN = 0.7
+"""Share of what lies between two parts that must be of that surface."""
+COVERED = 0.5
+"""Share of a part that the whole must hold."""
+SETTLED = 0.05
+"""Lattice px by which a step must move a registration for another one."""
 
 
 class Explained(NamedTuple):
@@ -128,7 +152,7 @@ def refined(history: History, now: Plane, first: Explained) -> Explained | None:
         ]
         if not all(is_plausible(motion) for motion in motions):
             return None
-        found = explained(history, now, grown(_extent(found), now.shape, 0.6), found.steps, motions)
+        found = explained(history, now, grown(_extent(found), now.shape, ROOM), found.steps, motions)
     return found
 
 
@@ -161,12 +185,14 @@ def explained(
         [_squared(here, history.view(step, area, motion)) for step, motion in zip(steps, motions, strict=True)],
         axis=0,
     )
-    certain = CERTAIN * max(float(np.median(np.minimum(still, moved))), 0.5)
-    better = (still > certain) & (moved < 0.5 * still) & (still > RIM * cv2.dilate(still, np.ones((5, 5))))
+    certain = CERTAIN * max(float(np.median(np.minimum(still, moved))), LEAST_NOISE)
+    better = (still > certain) & (moved < CLEARLY * still) & (still > RIM * cv2.dilate(still, np.ones((5, 5))))
     better = cv2.medianBlur(better.astype(np.uint8), 3) > 0
     if not better.any():
         return None
-    refuted = cv2.erode(((moved > certain) & (still < 0.5 * moved)).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    refuted = (
+        cv2.erode(((moved > certain) & (still < CLEARLY * moved)).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    )
     parts, inside = _one_thing(better, refuted, still, moved)
     if parts is None or inside is None or not _is_displaced(parts & better, area, motions[-1]):
         return None
@@ -178,7 +204,7 @@ def explained(
     before, after = float(still[change].sum()), float(moved[change].sum())
     if after > EXPLAINED * before:
         return None
-    mask = inside & ((still <= certain) | (moved < 0.5 * still))
+    mask = inside & ((still <= certain) | (moved < CLEARLY * still))
     return Explained(area, mask, tuple(steps), tuple(motions), before - after)
 
 
@@ -200,7 +226,7 @@ def _is_displaced(core: Mask, area: Area, motion: Affine) -> bool:
     if len(rows) < FEWEST:
         return False
     places = np.column_stack([columns + area[1].start, rows + area[0].start]).astype(np.float64)
-    return float(np.quantile(np.hypot(*displaced(places, motion).T), 0.75)) > DISPLACED
+    return float(np.quantile(np.hypot(*displaced(places, motion).T), AHEAD)) > DISPLACED
 
 
 def displaced(places: NDArray[np.float64], motion: Affine) -> NDArray[np.float64]:
@@ -213,7 +239,7 @@ def is_strip(found: Explained) -> bool:
     places = found.places
     u, v = displaced(places.mean(axis=0, keepdims=True), found.motions[0])[0]
     distance = float(np.hypot(u, v))
-    if distance < 0.5:
+    if distance < HARDLY:
         return False
     along = places @ (u / distance, v / distance)
     return float(along.max() - along.min()) < distance + STRIP
@@ -230,17 +256,17 @@ def joined(history: History, now: Plane, one: Explained, other: Explained) -> Ex
     sides = [max(each.stop - each.start for each in _extent(part)) for part in (one, other)]
     if max(rows, columns) > 2 * sum(sides):
         return None
-    both = explained(history, now, grown(area, now.shape, 0.1), leader.steps, leader.motions)
+    both = explained(history, now, grown(area, now.shape, ROOM_JOINED), leader.steps, leader.motions)
     if both is None or not all(_covers(both, part) for part in (one, other)):
         return None
     course = displaced(leader.places, leader.motion).mean(axis=0)
     ahead = max((one, other), key=lambda part: float(part.places.mean(axis=0) @ course))
     front = now[ahead.area][ahead.mask]
-    low, high = np.quantile(front, (0.1, 0.9))
+    low, high = np.quantile(front, SURFACE)
     between = both.places.astype(int)
     inner = now[between[:, 1], between[:, 0]]
     fits = (inner > low - ALIKE) & (inner < high + ALIKE)
-    return both if fits.mean() > 0.7 else None
+    return both if fits.mean() > BETWEEN else None
 
 
 def _union(one: Area, other: Area) -> Area:
@@ -252,7 +278,7 @@ def _covers(whole: Explained, part: Explained) -> bool:
     x, y = part.places.astype(int).T
     x, y = x - whole.area[1].start, y - whole.area[0].start
     inside = (x >= 0) & (y >= 0) & (x < whole.mask.shape[1]) & (y < whole.mask.shape[0])
-    return bool(whole.mask[y[inside], x[inside]].sum() > 0.5 * len(x))
+    return bool(whole.mask[y[inside], x[inside]].sum() > COVERED * len(x))
 
 
 def _one_thing(better: Mask, refuted: Mask, still: Plane, moved: Plane) -> tuple[Mask, Mask] | tuple[None, None]:
@@ -263,7 +289,7 @@ def _one_thing(better: Mask, refuted: Mask, still: Plane, moved: Plane) -> tuple
     closed = cv2.morphologyEx(better.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0
     parts = np.zeros(better.shape, bool)
     largest, most = None, 0
-    for place, part in components(closed & ~refuted, 9.0):
+    for place, part in components(closed & ~refuted, LEAST_PART):
         core = part & better[place]
         if float(moved[place][core].sum()) > EXPLAINED * float(still[place][core].sum()):
             continue
@@ -308,7 +334,7 @@ def _registered(history: History, now: Plane, steps: int, found: Explained, moti
         matrix = np.array([[1.0 + growth, -turn], [turn, 1.0 + growth]])
         centre = np.array([cx, cy])
         motion = chained(np.column_stack([matrix, centre + np.array([u, v]) - matrix @ centre]), motion)
-        if max(abs(u), abs(v)) < 0.05:
+        if max(abs(u), abs(v)) < SETTLED:
             break
     return motion
 
@@ -316,7 +342,7 @@ def _registered(history: History, now: Plane, steps: int, found: Explained, moti
 def grown(area: Area, shape: tuple[int, ...], share: float) -> Area:
     """An area with a share of its longer side added all round, inside the frame."""
     rows, columns = area
-    margin = max(round(share * max(rows.stop - rows.start, columns.stop - columns.start)), 8)
+    margin = max(round(share * max(rows.stop - rows.start, columns.stop - columns.start)), LEAST_ROOM)
     return (
         slice(max(rows.start - margin, 0), min(rows.stop + margin, shape[0])),
         slice(max(columns.start - margin, 0), min(columns.stop + margin, shape[1])),

@@ -34,6 +34,12 @@ COARSE = 4
 """Lattice px that are averaged for that: the shift is small then, and the noise too."""
 SPARSE = 2
 """Every second pixel, each way, is enough for a statistic over the frame."""
+TEXTURED = (2.0, 2.0)
+"""Slope from which a pixel has texture: in units of the noise, and gray levels per lattice px at least."""
+CREST, CREST_SIDE = 0.4, 7
+"""Share of the strongest change in a square of so many lattice px that is no halo: smoothing spreads a change."""
+RINGING, RINGING_SIDE = 0.15, 41
+"""The same for the ringing of codecs round what moves."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +184,7 @@ def is_restless(predicted: Plane, gray: Plane, change: Plane, step: float, param
     """Whether so much of the texture has changed that the camera may have moved."""
     sparse = slice(None, None, SPARSE), slice(None, None, SPARSE)
     steep = slope(predicted)[sparse]
-    textured = steep > max(2.0 * _noise(change), 2.0)
+    textured = steep > max(TEXTURED[0] * _noise(change), TEXTURED[1])
     strong = np.abs(change[sparse]) > _least_change(change, steep, step, params)
     least = max(RESTLESS * np.count_nonzero(textured), RESTLESS_FRAME * textured.size)
     return bool(np.count_nonzero(strong & textured) > least) or _shifted_share(predicted, change) > SHIFTED
@@ -237,8 +243,8 @@ def slope(plane: Plane) -> Plane:
 def _near_crest(change: Plane) -> Mask:
     """Where a change is not the halo of a stronger one.
 
-    It must exceed 40 % of the strongest change within 3 px, as smoothing spreads a change past its edge, and 15 % of
-    the strongest within 20 px, as codecs ring round what moves.
+    It must exceed a share of the strongest change nearby, as smoothing spreads a change past its edge, and a smaller
+    share of the strongest farther around, as codecs ring round what moves.
     """
-    near, wide = (cv2.dilate(change, np.ones((side, side), np.uint8)) for side in (7, 41))
-    return np.asarray((change > 0.4 * near) & (change > 0.15 * wide), bool)
+    near, wide = (cv2.dilate(change, np.ones((side, side), np.uint8)) for side in (CREST_SIDE, RINGING_SIDE))
+    return np.asarray((change > CREST * near) & (change > RINGING * wide), bool)

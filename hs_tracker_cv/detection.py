@@ -31,6 +31,20 @@ Mask = NDArray[np.bool_]
 REACH = 0.08
 """Widest gap between changed pixels of one object, over the frame's longer side: a plain object changes at its rim
 only, and two objects that move alike must not become one."""
+SMALLEST = 9.0
+"""Smallest region in any frame, lattice px²."""
+AS_FAST = 0.5
+"""Share of the mean speed of the changed pixels nearby from which a pixel moves with them."""
+CAME_FROM = 0.5
+"""Share of a pixel that came from a changed one, from which it is no uncovered ground."""
+TELLING = 0.5
+"""Squared change, gray levels², that a motion must predict to be refuted where it is not seen."""
+UNSEEN = 0.3
+"""Share of the predicted change below which it is not seen."""
+AROUND_TOLD, AROUND_SPEED = 9, 31
+"""Sides, lattice px, of the squares over which these changes, and the speed of the changed pixels, are averaged."""
+CORNER, CORNER_APART = 0.05, 3.0
+"""Quality of a corner, as a share of the best one's, and distance between two, lattice px."""
 
 
 @dataclass(frozen=True)
@@ -173,17 +187,17 @@ class MotionDetector:
         return np.asarray(flow * np.array([-width / size[0], -height / size[1]]), np.float32)
 
     def _smallest(self, mask: Mask) -> float:
-        return max(self.params.min_area * mask.size, 9.0)
+        return max(self.params.min_area * mask.size, SMALLEST)
 
     def _segment(self, pair: Comparison, flow: Plane) -> Mask:
         """Changed pixels, filled to regions where the flow agrees, without the ground that was uncovered."""
         speed = np.hypot(flow[..., 0], flow[..., 1])
-        moving = speed > np.maximum(0.5 * _mean_over(speed, pair.seeds), self.params.min_speed / pair.after.step)
+        moving = speed > np.maximum(AS_FAST * _mean_over(speed, pair.seeds), self.params.min_speed / pair.after.step)
         moving &= ~_stands_still(pair.change, pair.after.gray, flow)
         filled = _filled(pair.seeds, moving, self._smallest(pair.seeds))
         # The object is where it has changed and came from where it has changed; what it uncovers came from nowhere.
         came_from = _warp(filled.astype(np.float32), flow)
-        return filled & (came_from > 0.5)
+        return filled & (came_from > CAME_FROM)
 
     def _region(self, fields: DetectionFields, area: tuple[slice, slice], part: Mask) -> Region:
         height, width = round(fields.window.h), round(fields.window.w)
@@ -193,7 +207,7 @@ class MotionDetector:
         rows, columns = area
         box = Box.from_edges(columns.start * sx, rows.start * sy, columns.stop * sx, rows.stop * sy)
         u, v = fields.flow[area][part].mean(axis=0)
-        corners = cv2.goodFeaturesToTrack(fields.current, self.params.max_corners, 0.05, 3.0, mask=whole)
+        corners = cv2.goodFeaturesToTrack(fields.current, self.params.max_corners, CORNER, CORNER_APART, mask=whole)
         points = np.zeros((0, 2), np.float32) if corners is None else corners.reshape(-1, 2)
         return Region(
             box,
@@ -226,16 +240,16 @@ def _stands_still(change: Plane, curr: Plane, motion: Plane) -> Mask:
     """
     gx, gy = (cv2.Sobel(curr, cv2.CV_32F, dx, 1 - dx, scale=1 / 8) for dx in (1, 0))
     predicted = gx * motion[..., 0] + gy * motion[..., 1]
-    expected = cv2.blur(np.asarray(predicted**2, np.float32), (9, 9))
-    observed = cv2.blur(np.asarray(change**2, np.float32), (9, 9))
-    return np.asarray((expected > 0.5) & (observed < 0.3 * expected), bool)
+    expected = cv2.blur(np.asarray(predicted**2, np.float32), (AROUND_TOLD, AROUND_TOLD))
+    observed = cv2.blur(np.asarray(change**2, np.float32), (AROUND_TOLD, AROUND_TOLD))
+    return np.asarray((expected > TELLING) & (observed < UNSEEN * expected), bool)
 
 
 def _mean_over(values: Plane, mask: Mask) -> Plane:
     """Mean of the values at the mask's pixels nearby."""
     weight = mask.astype(np.float32)
-    total = cv2.blur(np.asarray(values * weight, np.float32), (31, 31))
-    return np.asarray(total / np.maximum(cv2.blur(weight, (31, 31)), 1e-6), np.float32)
+    total = cv2.blur(np.asarray(values * weight, np.float32), (AROUND_SPEED, AROUND_SPEED))
+    return np.asarray(total / np.maximum(cv2.blur(weight, (AROUND_SPEED, AROUND_SPEED)), 1e-6), np.float32)
 
 
 def _filled(seeds: Mask, moving: Mask, smallest: float) -> Mask:

@@ -74,6 +74,22 @@ MARGIN = 1.5
 """Distance from the border, lattice px, within which a mover is cut by it."""
 WAIT_BORDER = 15
 """Frames after which a mover at the border, which grows no longer, is taken for all that will be seen of it."""
+ERROR = 0.5
+"""Share of the way a mover has come by which its place may differ from where its motions led."""
+SLACK = (1.0, 0.05)
+"""What may be added to that: lattice px, and a share of width and height together."""
+NEARBY = 13
+"""Side, lattice px, of the square by which changed pixels are grown to one place of the frame."""
+LEAST_PLACE = 9.0
+"""Smallest place of the frame that is looked at, lattice px²."""
+AROUND = 4.0
+"""Lattice px round a mover within which points are taken to be its own."""
+WINDOW = 0.25
+"""Share of a place's longer side by which it is grown to look for the mover."""
+DOUBLE = 0.5
+"""Share of the smaller box in common from which two are one mover."""
+REACHED = 0.8
+"""Quantile of the displacements that tells how far a thing has gone."""
 
 
 @dataclass(frozen=True)
@@ -142,8 +158,8 @@ class _Sight:
         if self.missed or self.seen < CONFIRM or far < DISPLACED or far < STRAIGHT * self.path:
             return False
         error = np.subtract(self.box.centre, self.start.centre) - self.travelled[:2]
-        slack = 1.0 + 0.05 * (self.box.w + self.box.h)
-        return float(np.hypot(*error)) < 0.5 * float(np.hypot(*self.travelled[:2])) + slack
+        slack = SLACK[0] + SLACK[1] * (self.box.w + self.box.h)
+        return float(np.hypot(*error)) < ERROR * float(np.hypot(*self.travelled[:2])) + slack
 
     def is_whole(self) -> bool:
         """Whether all of it is in the picture."""
@@ -228,8 +244,8 @@ class MoverFinder:
         if len(self._history) > 1:
             old = self._history.view(min(GLANCE, len(self._history)), _everywhere(pair.after))
             active = active | changed(old, gray, gray - old, pair.after.step, self._detector.params)
-        near = cv2.dilate(active.astype(np.uint8), np.ones((13, 13), np.uint8)) > 0
-        places = [(np.count_nonzero(part & active[area]), area, part) for area, part in components(near, 9.0)]
+        near = cv2.dilate(active.astype(np.uint8), np.ones((NEARBY, NEARBY), np.uint8)) > 0
+        places = [(np.count_nonzero(part & active[area]), area, part) for area, part in components(near, LEAST_PLACE)]
         for _, area, part in sorted(places, key=lambda place: place[0], reverse=True)[:AREAS]:
             yield from self._found_at(area, part, gray)
 
@@ -254,7 +270,7 @@ class MoverFinder:
             left[together] = False
             found = self._asked(area, points[together], [each[together] for each in displacements], steps, gray)
             if found is not None:
-                left &= ~_within(points, _box(found).grown(4.0))
+                left &= ~_within(points, _box(found).grown(AROUND))
                 yield found
 
     def _joined(self, parts: list[Explained], gray: Plane) -> list[Explained]:
@@ -275,7 +291,7 @@ class MoverFinder:
     ) -> Explained | None:
         """What follows the common motion of some points, taken for a shift, or for turn and zoom too."""
         steps = sorted({max(frames // 2, 1), frames})
-        window = grown(area, gray.shape, 0.25)
+        window = grown(area, gray.shape, WINDOW)
         best: Explained | None = None
         for fit in (shift, similarity):
             motions = [fit(points - displacements[step - 1], points) for step in steps]
@@ -345,7 +361,7 @@ def _distinct(found: list[Explained]) -> list[Explained]:
     kept: list[Explained] = []
     for part in sorted(found, key=lambda each: each.gain, reverse=True):
         box = _box(part)
-        if all(box.intersection(_box(other)).area < 0.5 * min(box.area, _box(other).area) for other in kept):
+        if all(box.intersection(_box(other)).area < DOUBLE * min(box.area, _box(other).area) for other in kept):
             kept.append(part)
     return kept
 
@@ -361,7 +377,7 @@ def _far_enough(displacements: list[Plane]) -> int | None:
     for frames, displacement in enumerate(displacements, 1):
         if len(displacement) < FEWEST:
             return None
-        reach = float(np.quantile(np.hypot(*displacement.T), 0.8))
+        reach = float(np.quantile(np.hypot(*displacement.T), REACHED))
         if frames > 1 and reach > FAR_ENOUGH:
             return frames
     return len(displacements) if len(displacements) > 1 and reach > DISPLACED else None

@@ -29,6 +29,7 @@ _SAMPLES = 6  # pixels looked at across a cell, at most
 _THINNED = 3  # of them, one in so many across and down tells the deviation
 _SHIFT = 2  # cells that the camera may move from frame to frame
 _MOST_SHIFT = 6  # after an interruption
+_FRAMES_PER_SHIFT = 4  # frames of interruption that allow one cell more
 _DEARER = 0.04  # by which the correlation asked for rises with each cell more: chance has more tries
 _CORRELATION = 0.55  # real video, neighbouring frames: least .54, 22 sequences; between sequences: 95 % below .50
 _PLAINLY = 0.9  # correlation at rest from which no shift is tried
@@ -71,7 +72,7 @@ def same_scene(before: Overview, now: Overview, frames: int = 1) -> bool:
         rougher = (kernels.median_of(rough_now) + _ROUGHNESS) / (kernels.median_of(rough_before) + _ROUGHNESS)
         emptied = kernels.deviation_of(now) < _EVEN and kernels.deviation_of(before) > _UNEVEN
         return max(rougher, 1.0 / rougher) < _ROUGHER and not emptied
-    s = min(_SHIFT + (frames - 1) // 4, _MOST_SHIFT)
+    s = min(_SHIFT + (frames - 1) // _FRAMES_PER_SHIFT, _MOST_SHIFT)
     middle = before[s:-s, s:-s]
     if _correlation(middle, now[s:-s, s:-s]) > _PLAINLY:
         return True

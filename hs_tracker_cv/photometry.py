@@ -28,6 +28,8 @@ _RIDGE = 1e-3  # of the mean square of a regressor, which keeps terms down that 
 _WHITE = 250.0  # gray level from which a sensor may have been saturated
 _GAINS = (0.6, 1.6)  # local gains that light may have
 _EXPLAINED = 0.25  # share of the change that light may leave
+_LEAST_SPREAD = 0.2  # gray levels: standard deviation of the rest of the fit, at least
+_OUTLIER = 2.0  # of these standard deviations, at which a sample counts a quarter
 
 
 def relit(before: Plane, gray: Plane, valid: Mask | None = None) -> tuple[Plane, Plane]:
@@ -106,8 +108,8 @@ def _fit(terms: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.
         weighted = terms * weights[:, None]
         change = np.linalg.solve(weighted.T @ terms + ridge * weights.mean(), weighted.T @ left)
         rest = left - terms @ change
-        spread = max(NORMAL_SIGMA * float(np.median(np.abs(rest))), 0.2)
-        weights = 1.0 / (1.0 + (rest / (2.0 * spread)) ** 2) ** 2
+        spread = max(NORMAL_SIGMA * float(np.median(np.abs(rest))), _LEAST_SPREAD)
+        weights = 1.0 / (1.0 + (rest / (_OUTLIER * spread)) ** 2) ** 2
     return prior + change
 
 
