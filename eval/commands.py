@@ -46,6 +46,7 @@ from .tables import (
     Summary,
     brief_table,
     console_table,
+    counted,
     failure_table,
     format_cell,
     protocol_text,
@@ -150,7 +151,7 @@ def merge(folders: tyro.conf.Positional[tuple[Path, ...]], /, *, out: Out = Path
             raise ResultsError(f"no results in {root}")
         for path in found:
             added = Folder(out / path.name).merge(Folder(path))
-            _console.print(f"{path}: {added} results", highlight=False)
+            _console.print(f"{path}: {counted(added, 'result')}", highlight=False)
 
 
 def speed(
@@ -464,7 +465,7 @@ def _run_with_progress(
     dask: str = "",
 ) -> None:
     jobs = make_jobs(specs, sequences, starts=starts, protocol=protocol)
-    title = f"{len(specs)} trackers × {len(sequences)} sequences"
+    title = f"{counted(len(specs), 'tracker')} × {counted(len(sequences), 'sequence')}"
     _run_jobs_with_progress(jobs, title, folder, workers, limits, retry_failed, dask)
 
 
@@ -492,7 +493,7 @@ def _speed_with_progress(
     frames: int = TIMED_UPDATES,
     block: int = BLOCK,
 ) -> None:
-    with Steps(_console, f"speed of {len(specs)} trackers", len(sequences)) as steps:
+    with Steps(_console, f"speed of {counted(len(specs), 'tracker')}", len(sequences)) as steps:
 
         def done(measured: SpeedRun, reused: bool) -> None:
             steps.advance()

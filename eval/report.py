@@ -35,6 +35,7 @@ from .statistics import LOW_QUANTILE, ORACLE, SURE, ScoredRun, calibration, curv
 from .tables import (
     Summary,
     attribute_table,
+    counted,
     difference_table,
     failure_table,
     overall_table,
@@ -183,9 +184,9 @@ def _sentence(summary: Summary) -> str:
     text = f"{summary.chosen}: mean IoU {score:.3f}"
     if np.isfinite(low):
         text += f" ({low:.3f}–{high:.3f})"
-    text += f" over {count} of {len(summary.sequences)} sequences"
+    text += f" over {count} of {counted(len(summary.sequences), 'sequence')}"
     if scenes < count:
-        text += f", which show {scenes} scene{'s' if scenes > 1 else ''}"
+        text += f", which show {counted(scenes, 'scene')}"
     others = [row for row in rows if row[0] not in (summary.chosen, ORACLE)]
     if others:
         # The table has the best first.

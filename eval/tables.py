@@ -38,6 +38,7 @@ __all__ = [
     "Summary",
     "brief_table",
     "console_table",
+    "counted",
     "format_cell",
     "overall_table",
     "protocol_text",
@@ -192,6 +193,11 @@ _DIGITS = {
     "fps": 0, "p95_ms": 2, "ratio": 1, "least": 1, "failed": 0, "sequences": 0, "runs": 0, "failures": 2,
     "per_hundred": 2,
 }  # fmt: skip
+
+
+def counted(count: int, noun: str) -> str:
+    """A number of things: ``1 scene``, ``2 scenes``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def format_cell(value: object, column: str = "") -> str:
@@ -359,11 +365,11 @@ def rank_table(summary: Summary) -> pd.DataFrame:
 def ranks_caption(summary: Summary) -> str:
     """What the ranks are about, and which of them are not told apart."""
     scenes = int(summary.ranks["scenes"].max()) if len(summary.ranks) else 0
-    text = f"Mean ranks by mean IoU over {scenes} scenes of {summary.source}"
+    text = f"Mean ranks by mean IoU over {counted(scenes, 'scene')} of {summary.source}"
     if np.isfinite(summary.critical):
         text += f"; those that differ by less than {summary.critical:.2f} are not told apart (Nemenyi, 95 %)"
     else:
-        text += ", which are too few to tell any of them apart: not even first and last in each (Nemenyi, 95 %)"
+        text += ", too few to tell any of them apart: not even first and last in each (Nemenyi, 95 %)"
     return f"{text}."
 
 

@@ -229,6 +229,23 @@ def test_the_oracle_is_no_rival_and_no_difference_is_more_than_one() -> None:
     assert (table["low"].iloc[0], table["high"].iloc[0]) == (-1.0, 1.0)
 
 
+def test_one_of_a_kind_is_not_counted_as_many(tmp_path: Path) -> None:
+    """Of a single sequence the report says so in the singular, on its page and under its tables."""
+    found = Folder(tmp_path / "results" / "single")
+    sequence = make_sequence(tmp_path, "one", ())
+    found.write_manifest("suite:single", [sequence])
+    for name, shift in (("Exact", 0.0), ("Near", 4.0)):
+        found.write_run(make_run(name, sequence, shift))
+    summary = summarise_folder(found, chosen="Near")
+    write_report(summary, found, tmp_path / "report.html")
+    write_tables(summary, tmp_path / "tables")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "over 1 of 1 sequence;" in page
+    assert "over 1 scene of suite:single, too few" in page
+    texts = [page, *(path.read_text(encoding="utf-8") for path in (tmp_path / "tables").glob("*.tex"))]
+    assert not [text for text in texts if re.search(r"\b1 (scenes|sequences|trackers)\b", text)]
+
+
 def test_mean_ranks_say_what_chance_cannot() -> None:
     """Ties share their rank, sequences of one scene have one, the oracle none; B and C are not told apart."""
     count = 12

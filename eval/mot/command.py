@@ -16,7 +16,7 @@ from ..options import Jobs, Out
 from ..progress import Steps, make_console
 from ..results import ResultsError
 from ..sequences import suite_folder
-from ..tables import console_table, format_cell, write_numbers, write_table
+from ..tables import console_table, counted, format_cell, write_numbers, write_table
 from .score import COLUMNS, OWED, Answers, Scores, combined, scored
 from .trackers import TRACKERS, Found, make_tracker
 
@@ -51,7 +51,9 @@ def main_mot(
     for tracker in dict.fromkeys(trackers):
         make_tracker(tracker)  # what cannot be made is said before anything is run
     scores: dict[str, dict[str, Scores]] = {tracker: {} for tracker in dict.fromkeys(trackers)}
-    with Steps(_console, f"{len(scores)} trackers × {len(specs)} sequences", len(work)) as steps:
+    with Steps(
+        _console, f"{counted(len(scores), 'tracker')} × {counted(len(specs), 'sequence')}", len(work)
+    ) as steps:
         calls = (joblib.delayed(answers_of)(tracker, spec) for tracker, spec in work)
         found = joblib.Parallel(n_jobs=jobs, return_as="generator")(calls)
         for (tracker, spec), answers in zip(work, found, strict=True):
@@ -70,7 +72,11 @@ def main_mot(
     text = pd.DataFrame({name: [_cell(value, name) for value in table[name]] for name in table.columns})
     write_table(text, "overall", folder / "tables", caption=f"Several objects: trackers on {name}.", rivals="rows")
     objects = sum(map(len, truths.values()))
-    _console.print(console_table(text, f"{name}: {len(specs)} sequences, {objects} objects", bold="AutomaticTracker"))
+    _console.print(
+        console_table(
+            text, f"{name}: {counted(len(specs), 'sequence')}, {counted(objects, 'object')}", bold="AutomaticTracker"
+        )
+    )
     _console.print(f"boxes are owed while at least {OWED:.0%} of an object is seen; files: {folder.resolve()}")
 
 
