@@ -457,6 +457,8 @@ def load_dataset(reference: str, only: Iterable[str] = ()) -> list[Sequence]:
     """
     kind, _, where = canonical_dataset(reference).partition(":")
     readers = DATASETS[kind](where)
+    if not readers:
+        raise SequenceError(f"no object to follow in {reference}: expected one with boxes in at least two frames")
     wanted = set(only)
     if wanted - set(readers):
         unknown = ", ".join(sorted(wanted - set(readers)))

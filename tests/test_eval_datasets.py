@@ -536,6 +536,23 @@ def test_coco_of_several_videos_and_tracks(tmp_path: Path) -> None:
             load_dataset(f"coco:{path}")
 
 
+@pytest.mark.parametrize("rows", ["", "1,1,1,1,5,5,0,1,1\n2,1,1,1,5,5,0,1,1\n", "2,1,1,1,5,5,1,1,1\n"])
+def test_many_objects_of_which_none_can_be_followed_are_said(rows: str, tmp_path: Path) -> None:
+    """No rows, none to be judged, or an object of a single frame: a run of nothing would look well."""
+    folder = tmp_path / "MOT-01"
+    write_images(folder / "img1", 3, digits=6)
+    (folder / "gt").mkdir()
+    (folder / "gt" / "gt.txt").write_text(rows)
+    path = tmp_path / "none.json"
+    images = [{"id": number, "file_name": f"MOT-01/img1/{number:06d}.png"} for number in (1, 2, 3)]
+    path.write_text(json.dumps({"images": images, "annotations": []}))
+    for where in (f"mot:{tmp_path}", f"coco:{path}"):
+        with pytest.raises(
+            SequenceError, match=r"no object to follow in .*: expected one with boxes in at least two"
+        ):
+            load_dataset(where)
+
+
 def test_a_nest_of_brackets_is_no_coco(tmp_path: Path) -> None:
     """What Python cannot parse, however it fails, is one line with the file's name."""
     path = tmp_path / "a.json"
