@@ -119,7 +119,7 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
     if scores.empty and led:
         raise ResultsError(f"no runs in one pass in {folder.path}: run `python -m eval run` without --protocol first")
     if scores.empty:
-        raise ResultsError(f"no results in {folder.path} for the sequences of the last run")
+        raise ResultsError(f"no results in {folder.path} for whole sequences of the last run (--frames cuts them)")
     pairs = per_sequence(scores)
     speed = speed_table(folder.read_speeds(), {sequence.name: sequence.scene for sequence in sequences})
     table = overall(pairs).join(score_quality(scored), on="tracker").join(_speed_by_tracker(speed), on="tracker")
