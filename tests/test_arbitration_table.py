@@ -315,27 +315,22 @@ def test_the_patch_tracker_is_asked_in_every_eighth_frame(young: Track, frame: F
     assert np.diff(np.flatnonzero(asked)).tolist() == [ASK_EVERY] * 2
 
 
-def test_of_what_is_hidden_the_patch_tracker_is_not_asked(young: Track, frame: Frame) -> None:
-    """It knows nothing of what stands before the object; elsewhere and sure, it would lead."""
-    track = track_in(young, State.SEGMENTATION)
-    track = replace(track, choice=replace(track.choice, since=0))
-    hidden = Stub(carried=THERE, occluded=True)
-    assert calls(track, frame, hidden) == ["segment", "ride"]
-    assert advance(track, frame, hidden.rooms).choice.trusted
-    assert not advance(track, frame, Stub(carried=THERE).rooms).choice.trusted
-
-
 @pytest.mark.parametrize(
-    ("carried", "score", "kept"),
-    [(HERE, 0.9, True), (HERE, 0.5, False), (HERE.moved(2.0, 0.0), 0.9, False)],  # confirmed; unsure; beside it
+    ("carried", "score", "hidden", "kept"),
+    [
+        (HERE, 0.9, False, True),
+        (HERE, 0.9, True, False),  # what is before the object is not learned
+        (HERE, 0.5, False, False),  # it is not sure
+        (HERE.moved(2.0, 0.0), 0.9, False, False),  # it is elsewhere
+    ],
 )
 def test_what_is_learned_is_kept_where_both_agree(
-    young: Track, frame: Frame, carried: Box, score: float, kept: bool
+    young: Track, frame: Frame, carried: Box, score: float, hidden: bool, kept: bool
 ) -> None:
     """The stub's lessons are its estimates: the score of the step is that of the patch tracker which goes on."""
     track = track_in(young, State.SEGMENTATION)
     track = replace(track, choice=replace(track.choice, since=0))
-    after = advance(track, frame, Stub(carried=carried, carried_score=score).rooms)
+    after = advance(track, frame, Stub(carried=carried, carried_score=score, occluded=hidden).rooms)
     assert after.patch_tracker is not None
     assert track.patch_tracker is not None
     before = track.patch_tracker.estimate.score

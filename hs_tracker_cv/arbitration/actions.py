@@ -92,8 +92,8 @@ def run_both(turn: Turn) -> Turn:
         if segmented and segmented.estimate.ok:
             carried = turn.rooms.patch_tracker.turned(carried, segmented.turn)
         stepped = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options, near=turn.near)
-        refuted = segmented is not None and _is_refuted(turn, segmented, stepped.estimate)
-        carried = turn.rooms.patch_tracker.dismiss(carried, stepped) if refuted else stepped
+        ground = segmented is not None and _shows_ground(turn, segmented, stepped.estimate)
+        carried = turn.rooms.patch_tracker.dismiss(carried, stepped) if ground else stepped
     left = False
     if segmented and carried:
         choice = choice.asked(carried.estimate.score, agreement(segmented.estimate.box, carried.estimate.box))
@@ -117,10 +117,7 @@ def teach(turn: Turn) -> Turn:
 
 
 def run_segmentation(turn: Turn) -> Turn:
-    """Run segmentation; what it finds again after a loss must not be known to be something else.
-
-    Of an object behind something the patch tracker, which knows nothing of that, is no witness, and not asked.
-    """
+    """Run segmentation; what it finds again after a loss must not be known to be something else."""
     assert turn.segmentation is not None, "segmentation leads"
     segmented = _segmented(turn, turn.segmentation)
     if segmented.estimate.ok and not _is_consistent(turn, segmented.estimate.box):
@@ -128,8 +125,7 @@ def run_segmentation(turn: Turn) -> Turn:
     if not segmented.estimate.ok:
         event = Event.UNSEEN
     else:
-        due = turn.choice.since % tuning.ASK_EVERY == 0 and not segmented.estimate.occluded
-        event = Event.DUE if due else Event.FOUND
+        event = Event.FOUND if turn.choice.since % tuning.ASK_EVERY else Event.DUE
     return turn._replace(segmentation=segmented, event=event)
 
 
@@ -144,7 +140,8 @@ def ride(turn: Turn) -> Turn:
 def ask(turn: Turn) -> Turn:
     """Ask the patch tracker where it would be on its own; where it contradicts the segment, it leads from now on.
 
-    Where it confirms the segment, what it has learned there is kept: it stays acquainted with what changes.
+    Where it confirms the segment of an object that nothing hides, what it has learned there is kept: it stays
+    acquainted with what changes.
     """
     segmented, carried = _both(turn)
     carried = turn.rooms.patch_tracker.turned(carried, segmented.turn)
@@ -154,7 +151,7 @@ def ask(turn: Turn) -> Turn:
     choice = turn.choice.asked(seen.score, agreement(box, seen.box), difference)
     if choice.contradicted:
         return turn._replace(patch_tracker=asked, choice=choice.carried_away, event=Event.RAN)
-    known = asked if choice.confirmed else carried
+    known = asked if choice.confirmed and not segmented.estimate.occluded else carried
     return turn._replace(patch_tracker=turn.rooms.patch_tracker.ride(known, box), choice=choice, event=Event.RAN)
 
 
@@ -165,7 +162,8 @@ def search(turn: Turn) -> Turn:
     """
     segmented, carried = _both(turn)
     found = turn.rooms.patch_tracker.step(carried, turn.frame, turn.track.options, near=turn.near)
-    if _is_refuted(turn, segmented, found.estimate):
+    foreign = found.estimate.ok and not _is_consistent(turn, found.estimate.box)
+    if foreign or _shows_ground(turn, segmented, found.estimate):
         found = turn.rooms.patch_tracker.dismiss(carried, found)
     elif found.estimate.ok and carried.estimate.lost:
         segmented = turn.rooms.segmentation.reseed(segmented, turn.frame, found.estimate.box, rooms.SEGMENTATION)
@@ -331,14 +329,11 @@ def _has_left(turn: Turn, choice: Choice, segmented: SegmentationState, carried:
     return turn.rooms.segmentation.has_left(segmented, carried)
 
 
-def _is_refuted(turn: Turn, segmented: SegmentationState, carried: Estimate) -> bool:
-    """Whether the box in which the patch tracker, but not segmentation, sees the object holds something else."""
-    if not carried.ok or segmented.estimate.ok:
+def _shows_ground(turn: Turn, segmented: SegmentationState, carried: Estimate) -> bool:
+    """Whether segmentation, not being doubted, knows the box in which the patch tracker sees the object as ground."""
+    if not carried.ok or segmented.estimate.ok or not turn.choice.trusted or turn.choice.doubt >= tuning.LEAVE:
         return False
-    undoubted = turn.choice.trusted and turn.choice.doubt < tuning.LEAVE
-    if undoubted and turn.rooms.segmentation.shows_ground(segmented, carried.box):
-        return True
-    return not _is_consistent(turn, carried.box)
+    return turn.rooms.segmentation.shows_ground(segmented, carried.box)
 
 
 def _is_consistent(turn: Turn, box: Box) -> bool:
