@@ -153,10 +153,10 @@ def test_an_old_witness_is_heard_when_it_is_asked() -> None:
 
 @pytest.mark.parametrize(
     ("segment", "chance", "outweighed"),
-    [(0.1, 0.5, True), (0.1, 0.3, False), (0.3, 0.9, False)],  # better; no better; believed
+    [(0.1, 0.7, True), (0.1, 0.5, False), (0.3, 0.9, False)],  # rather right; rather not; the segment is believed
 )
-def test_of_two_the_likelier_is_followed(segment: float, chance: float, outweighed: bool) -> None:
-    """Where a segment is not believed, a carried box that is likelier right takes its place."""
+def test_a_segment_that_is_not_believed_is_left(segment: float, chance: float, outweighed: bool) -> None:
+    """A carried box that is rather right takes its place."""
     assert Choice().asked(chance, 0.1).outweighed(segment) is outweighed
     assert not replace(Choice(), trusted=False).asked(chance, 0.1).outweighed(segment)
 

@@ -99,8 +99,8 @@ class Choice:
         return apart and score > tuning.LEFT_SCORE and self.doubt < tuning.LEFT_DOUBT
 
     def outweighed(self, chance: float) -> bool:
-        """A segment hardly to be believed stands against a carried box that is more likely right."""
-        return self.trusted and chance < tuning.LEAST and self.chance > tuning.BETTER
+        """A segment hardly to be believed stands against a carried box that is rather right than not."""
+        return self.trusted and chance < tuning.LEAST and self.chance > tuning.RATHER
 
     @property
     def carried_away(self) -> Choice:

@@ -23,7 +23,7 @@ ASK_EVERY = 8
 """Frames between two questions to a carried box that rides on a segment: where would it be on its own?"""
 
 ASKED_RATE = 0.5
-"""Share of one answer to that question in the mean size difference. This and `BETTER`: on the 22 real sequences,
+"""Share of one answer to that question in the mean size difference. On the 22 real sequences,
 exact and six starts each, and `drawn:117:41001` and `41002`, exact and from boxes off by ±10 %."""
 
 WATCH_EVERY = 2
@@ -89,9 +89,6 @@ TOGETHER, ALIKE = 0.9, 0.25
 
 APART, RATHER = 0.5, 0.6
 """Agreement below which and chance from which the carried box contradicts a segment."""
-
-BETTER = 0.35
-"""Chance from which the carried box is followed instead of a segment whose own is below `LEAST`."""
 
 LIKELY = 0.7
 """Chance from which the carried box takes over from a segment that is doubted."""
