@@ -109,10 +109,11 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
     Raises
     ------
     ResultsError
-        If there is nothing to report or a file is damaged.
+        If there is nothing to report, or nothing of a tracker that was asked for, or a file is damaged.
     """
     sequences = folder.read_sequences()
-    runs = [run for run in folder.read_runs() if trackers is None or run.tracker in trackers]
+    stored = folder.read_runs()
+    runs = [run for run in stored if trackers is None or run.tracker in trackers]
     scored = score_frames(runs, sequences)
     scores = score_table(scored)
     led = [run for run in folder.read_protocol_runs() if trackers is None or run.tracker in trackers]
@@ -120,6 +121,12 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
         raise ResultsError(f"no runs in one pass in {folder.path}: run `python -m eval run` without --protocol first")
     if scores.empty:
         raise ResultsError(f"no results in {folder.path} for whole sequences of the last run (--frames cuts them)")
+    missing = [name for name in trackers or () if name not in set(scores["tracker"])]
+    if missing:
+        raise ResultsError(
+            f"no results of {', '.join(missing)} in {folder.path} for whole sequences of the last run (--frames cuts "
+            f"them); there are runs of {', '.join(sorted({run.tracker for run in stored}))}"
+        )
     pairs = per_sequence(scores)
     speed = speed_table(folder.read_speeds(), {sequence.name: sequence.scene for sequence in sequences})
     table = overall(pairs).join(score_quality(scored), on="tracker").join(_speed_by_tracker(speed), on="tracker")

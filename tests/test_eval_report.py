@@ -101,6 +101,12 @@ def summary(folder: Folder) -> Summary:
     return summarise_folder(folder, chosen="Near")
 
 
+def test_a_report_of_trackers_that_have_not_run_says_so(folder: Folder) -> None:
+    """One that was asked for is not left out without a word; the message says what there is."""
+    with pytest.raises(ResultsError, match=r"of Nope, Absent in .*tiny .*runs of Exact, Near, pkg\.mod:Far$"):
+        summarise_folder(folder, trackers=["Near", "Nope", "Absent"])
+
+
 def test_a_run_comes_back_as_it_was_written(folder: Folder, tmp_path: Path) -> None:
     """Files lose nothing, NaN included."""
     sequence = make_sequence(tmp_path, "one", ())
