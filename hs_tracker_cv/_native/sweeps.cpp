@@ -339,7 +339,7 @@ void next_of(Sweep &sweep, Index y, const Slopes &g) {
     }
     const auto row = sweep.step.kind == Kind::Plain   ? next_of<Kind::Plain>
                      : sweep.step.kind == Kind::First ? next_of<Kind::First>
-                                                 : next_of<Kind::Later>;
+                                                      : next_of<Kind::Later>;
     row(sweep);
     if (y == 0) fill_ring_above(sweep.out);
     if (y == sweep.out.u.height - 1) fill_ring_below(sweep.out);

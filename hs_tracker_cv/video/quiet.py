@@ -8,6 +8,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import cv2
 
@@ -35,7 +36,7 @@ def without_remark(start: bytes) -> Iterator[None]:
     Standard error belongs to the whole process: what other threads write meanwhile comes through a little later, and
     blocks of several threads wait for one another.
     """
-    with _lock, tempfile.TemporaryFile() as heard:
+    with _lock, tempfile.TemporaryDirectory() as folder, (Path(folder) / "heard").open("ab", 0) as heard:
         try:
             saved = os.dup(2)
         except OSError:  # no stderr at all, as under pythonw
@@ -47,8 +48,8 @@ def without_remark(start: bytes) -> Iterator[None]:
             yield
         finally:
             os.dup2(saved, 2)
-            heard.seek(0)
-            for line in heard:
+            # Read by a handle of its own: a thread that is still writing shares the position of the other one.
+            for line in Path(heard.name).read_bytes().splitlines(keepends=True):
                 if not line.startswith(start):
                     os.write(saved, line)
             os.close(saved)
