@@ -121,7 +121,8 @@ def summarise_folder(folder: Folder, *, chosen: str = "TrackerHS", trackers: lis
         raise ResultsError(f"no runs in one pass in {folder.path}: run `python -m eval run` without --protocol first")
     if scores.empty:
         raise ResultsError(f"no results in {folder.path} for whole sequences of the last run (--frames cuts them)")
-    missing = [name for name in trackers or () if name not in set(scores["tracker"])]
+    there = {*scores["tracker"], *(run.tracker for run in led)}
+    missing = [name for name in trackers or () if name not in there]
     if missing:
         raise ResultsError(
             f"no results of {', '.join(missing)} in {folder.path} for whole sequences of the last run (--frames cuts "

@@ -145,8 +145,6 @@ def test_texts_are_made_for_reading(summary: Summary) -> None:
 
 def test_results_on_another_version_of_a_sequence_do_not_count(folder: Folder, tmp_path: Path) -> None:
     """When the sequence has changed since, its old runs are left out and not scored against another truth."""
-    from dataclasses import replace
-
     sequences = folder.read_sequences()
     folder.write_manifest("suite:tiny", [replace(sequences[0], digest="other"), sequences[1]])
     assert set(summarise_folder(folder).scores["sequence"]) == {"two_b"}
@@ -233,6 +231,15 @@ def test_the_oracle_is_no_rival_and_no_difference_is_more_than_one() -> None:
     table = differences(pairs_of(scores), "A")
     assert table["other"].tolist() == ["B"]
     assert (table["low"].iloc[0], table["high"].iloc[0]) == (-1.0, 1.0)
+
+
+def test_a_tracker_that_has_run_by_a_protocol_only_is_there(folder: Folder, tmp_path: Path) -> None:
+    """It has a row in the table of that, and none in those of one pass."""
+    restarted = replace(make_run("Again", make_sequence(tmp_path, "one", ()), 0.0), protocol="restarts")
+    folder.write_run(restarted)
+    summary = summarise_folder(folder, trackers=["Near", "Again"])
+    assert set(summary.overall["tracker"]) == {"Near"}
+    assert set(summary.protocols["restarts"]["tracker"]) == {"Again"}
 
 
 def test_one_of_a_kind_is_not_counted_as_many(tmp_path: Path) -> None:
