@@ -18,6 +18,7 @@ import sys
 import sysconfig
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 __all__ = [
     "available", "confine", "device_paths", "forbid_lasting_memory", "forbid_processes", "make_ruleset",
@@ -37,15 +38,28 @@ _DEVICES = ("/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom"
 _SITES = {"site-packages", "dist-packages"}
 _MODULES = {".py", ".pyc", ".so", ".pyd", ".zip", ".egg", ".pth"}
 
-# Linux's numbers by machine: of the architecture, and of the calls that make a process (clone, fork, vfork); where
-# the latter two do not exist, a number that no call has.
-_ARCHITECTURES = {"x86_64": (0xC000003E, 56, 57, 58), "aarch64": (0xC00000B7, 220, 0x3FFFFFFF, 0x3FFFFFFF)}
-# The same of the calls that make what belongs to no process and stays: System V's memory, semaphores and queues.
-_LASTING = {"x86_64": (0xC000003E, 29, 64, 68), "aarch64": (0xC00000B7, 194, 190, 186)}
 _CLONE3, _CLONE_THREAD, _OTHER_CALLS = 435, 0x10000, 0x40000000  # the last: those of x32 on x86-64
 _SET_SECCOMP, _MODE_FILTER = 22, 2
 _LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06  # of a filter (linux/bpf_common.h)
 _ALLOW, _REFUSE = 0x7FFF0000, 0x00050000
+
+
+class _Machine(NamedTuple):
+    """Linux's numbers on one kind of machine."""
+
+    architecture: int
+
+    processes: tuple[int, int, int]
+    """Calls that make one (clone, fork, vfork); where the latter two do not exist, a number that no call has."""
+
+    lasting: tuple[int, int, int]
+    """Calls that make what belongs to no process and stays: System V's memory, semaphores and queues."""
+
+
+_MACHINES = {
+    "x86_64": _Machine(0xC000003E, (56, 57, 58), (29, 64, 68)),
+    "aarch64": _Machine(0xC00000B7, (220, 0x3FFFFFFF, 0x3FFFFFFF), (194, 190, 186)),
+}
 
 
 class _Ruleset(ctypes.Structure):
@@ -158,14 +172,15 @@ def forbid_processes() -> None:
     OSError
         If the system refuses.
     """
-    if not _can_filter():
+    machine = _filtered_machine()
+    if machine is None:
         return
-    architecture, clone, fork, vfork = _ARCHITECTURES[os.uname().machine]
+    clone, fork, vfork = machine.processes
     unknown, refused = _REFUSE | errno.ENOSYS, _REFUSE | errno.EPERM
     # Jumps are relative: to how many instructions later when it is so, and when it is not.
     rows = [
         (_LOAD, 0, 0, 4),  # the architecture
-        (_EQUAL, 0, 9, architecture),
+        (_EQUAL, 0, 9, machine.architecture),
         (_LOAD, 0, 0, 0),  # the number of the call
         (_AT_LEAST, 7, 0, _OTHER_CALLS),
         (_EQUAL, 6, 0, _CLONE3),  # what it asks for cannot be seen; who is told that there is none asks by clone
@@ -191,12 +206,13 @@ def forbid_lasting_memory() -> None:
     OSError
         If the system refuses.
     """
-    if not _can_filter():
+    machine = _filtered_machine()
+    if machine is None:
         return
-    architecture, memory, semaphores, queues = _LASTING[os.uname().machine]
+    memory, semaphores, queues = machine.lasting
     rows = [
         (_LOAD, 0, 0, 4),  # the architecture
-        (_EQUAL, 0, 6, architecture),
+        (_EQUAL, 0, 6, machine.architecture),
         (_LOAD, 0, 0, 0),  # the number of the call
         (_AT_LEAST, 4, 0, _OTHER_CALLS),
         (_EQUAL, 4, 0, memory),
@@ -209,8 +225,11 @@ def forbid_lasting_memory() -> None:
     _filter(rows)
 
 
-def _can_filter() -> bool:
-    return sys.platform.startswith("linux") and os.uname().machine in _ARCHITECTURES and sys.maxsize > 2**32
+def _filtered_machine() -> _Machine | None:
+    """The numbers of this machine, if its system has filters of calls; None where nothing can be forbidden."""
+    if not sys.platform.startswith("linux") or sys.maxsize < 2**32:
+        return None
+    return _MACHINES.get(os.uname().machine)
 
 
 def _filter(rows: list[tuple[int, int, int, int]]) -> None:

@@ -16,7 +16,7 @@ __all__ = [
 VIT_DEVIATIONS = (0.07433, -0.07598, -0.07565, 0.0)
 """`stdvalue` of TrackerVit with which its input is normalised as in its training."""
 
-_MIL_AREA = 20  # px; OpenCV 4.8 to 5.0 hang at 18 and less
+_MIL_AREA = 20  # px; OpenCV 4.8 and 5.0 hang at many boxes of 18 and less
 
 _cv2: Any = cv2  # its stubs leave out the contrib modules
 
