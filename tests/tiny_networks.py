@@ -1,14 +1,13 @@
-"""Networks that OpenCV's trackers load, each so small that its answers follow by hand.
-
-They are written as ONNX by hand (its protocol buffers are tags and lengths), since the package for it is large.
-"""
+"""Networks that OpenCV's trackers load, each so small that its answers follow by hand."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+import onnx
 from numpy.typing import NDArray
+from onnx import helper, numpy_helper
 
 Weights = dict[str, NDArray[np.float32]]
 Shapes = dict[str, tuple[int, ...]]
@@ -72,49 +71,18 @@ def _layer(name: str, shape: tuple[int, ...], bias: float = 0.0) -> Weights:
     return {f"w{name}": np.zeros(shape, np.float32), f"b{name}": np.full(shape[0], bias, np.float32)}
 
 
-# --- ONNX: the numbers of the fields are those of its onnx.proto ---------------------------------------------------
+def _node(kind: str, inputs: str, output: str, **numbers: tuple[int, ...]) -> onnx.NodeProto:
+    return helper.make_node(kind, inputs.split(), [output], **numbers)
 
 
-def _varint(value: int) -> bytes:
-    head = b""
-    while value > 127:
-        head, value = head + bytes([value & 127 | 128]), value >> 7
-    return head + bytes([value])
+def _values(shapes: Shapes) -> list[onnx.ValueInfoProto]:
+    return [helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape) for name, shape in shapes.items()]
 
 
-def _field(number: int, value: int | str | bytes) -> bytes:
-    if isinstance(value, int):
-        return _varint(number << 3) + _varint(value)
-    content = value.encode() if isinstance(value, str) else value
-    return _varint(number << 3 | 2) + _varint(len(content)) + content
-
-
-def _node(kind: str, inputs: str, output: str, **numbers: tuple[int, ...]) -> bytes:
-    attributes = [
-        _field(1, name) + b"".join(_field(8, value) for value in values) + _field(20, 7)
-        for name, values in numbers.items()
-    ]
-    named = [_field(1, name) for name in inputs.split()]
-    return b"".join([*named, _field(2, output), _field(4, kind), *(_field(5, each) for each in attributes)])
-
-
-def _tensor(name: str, values: NDArray[np.float32]) -> bytes:
-    sides = b"".join(_field(1, side) for side in values.shape)
-    return sides + _field(2, 1) + _field(8, name) + _field(9, values.tobytes())
-
-
-def _value(name: str, shape: tuple[int, ...]) -> bytes:
-    sides = b"".join(_field(1, _field(1, side)) for side in shape)
-    return _field(1, name) + _field(2, _field(1, _field(1, 1) + _field(2, sides)))
-
-
-def _model(nodes: list[bytes], weights: Weights, inputs: Shapes, outputs: Shapes) -> bytes:
-    parts = [
-        *(_field(1, node) for node in nodes),
-        _field(2, "tiny"),
-        *(_field(5, _tensor(name, values)) for name, values in weights.items()),
-        *(_field(11, _value(name, shape)) for name, shape in inputs.items()),
-        *(_field(12, _value(name, shape)) for name, shape in outputs.items()),
-    ]
-    version = _field(1, "") + _field(2, 13)
-    return _field(1, 7) + _field(7, b"".join(parts)) + _field(8, version)
+def _model(nodes: list[onnx.NodeProto], weights: Weights, inputs: Shapes, outputs: Shapes) -> bytes:
+    constants = [numpy_helper.from_array(values, name) for name, values in weights.items()]
+    graph = helper.make_graph(nodes, "tiny", _values(inputs), _values(outputs), constants)
+    # Of the age that OpenCV 4.8 reads.
+    model = helper.make_model(graph, ir_version=7, opset_imports=[helper.make_opsetid("", 13)])
+    onnx.checker.check_model(model)
+    return bytes(model.SerializeToString())
