@@ -99,11 +99,14 @@ def _contents(
     summary: Summary, folder: Folder, pages: Path, videos: int, shown: tuple[str, ...]
 ) -> dict[str, object]:
     origin, provenance = _provenance(summary)
+    whole = overall_table(summary)
+    theirs = [name for name in whole.columns if name.endswith(("(OTB)", "(GOT-10k)"))]
     return {
         "summary": summary,
         "sentence": _sentence(summary),
         "colours": _colours(summary),
-        "overall": overall_table(summary),
+        "overall": whole.drop(columns=theirs),
+        "compatible": whole[[whole.columns[0], *theirs]],
         "notes": {name: TRACKERS[name].note for name in summary.overall["tracker"] if name in TRACKERS},
         "differences": difference_table(summary),
         "ranks": rank_table(summary) if len(summary.ranks) > 1 else (),
